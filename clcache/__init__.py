@@ -1,0 +1,1 @@
+"""clcache: cached, temporally stable, stereo ray tracing on OpenCL."""

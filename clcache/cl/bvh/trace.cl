@@ -1,0 +1,138 @@
+// Trace rays through two levels of trees: instances, then the triangles of each one's mesh in its own space. Directions are
+// not normalised there, so that t means the same everywhere.
+//
+// Reads the rays as planes, and the scene. One work-item per ray. A ray whose length is not above t_min is not traced: a
+// miss, and not occluded. Two private stacks hold at most one entry for each level of a tree, and a tree over 64-bit keys,
+// with 32 bits more to tell equal ones apart, has at most 96.
+
+#include "bvh/intersect.cl"
+#include "common/transform.cl"
+
+#define MAX_DEPTH 96
+
+typedef struct Trees {
+    __global const Node *top_nodes, *nodes;
+    __global const uint *top_order;
+    __global const float4 *leaves;
+    __global const Instance *instances;
+} Trees;
+
+// The children of `node` that the ray meets: the nearer becomes current, the farther goes onto the stack. False if none.
+inline bool descend(const Ray *ray, __global const Node *node, float t_max, uint2 *current, uint2 *stack, int *depth)
+{
+    float3 low0 = (float3)(node->low[0], node->low[1], node->low[2]);
+    float3 low1 = (float3)(node->low[3], node->low[4], node->low[5]);
+    float3 high0 = (float3)(node->high[0], node->high[1], node->high[2]);
+    float3 high1 = (float3)(node->high[3], node->high[4], node->high[5]);
+    float entry0 = box_entry(ray, low0, high0, t_max), entry1 = box_entry(ray, low1, high1, t_max);
+    uint2 child0 = (uint2)(node->child[0], node->count[0]), child1 = (uint2)(node->child[1], node->count[1]);
+    bool hit0 = entry0 < INFINITY, hit1 = entry1 < INFINITY;
+    bool second_first = entry1 < entry0;
+    if (hit0 && hit1) stack[(*depth)++] = second_first ? child0 : child1;
+    *current = second_first ? child1 : child0;
+    return hit0 || hit1;
+}
+
+// The triangles of one instance. Returns at the first hit if `any`.
+inline void trace_instance(const Trees *trees, uint index, float3 origin, float3 direction, float t_min, bool any, Hit *hit)
+{
+    Instance instance = trees->instances[index];
+    float3 low = (float3)(instance.low[0], instance.low[1], instance.low[2]);
+    float3 high = (float3)(instance.high[0], instance.high[1], instance.high[2]);
+    Ray ray = make_ray(transform_point(instance.to_object, origin), transform_vector(instance.to_object, direction), t_min,
+                       low, high);
+    if (!(box_entry(&ray, low, high, hit->t) < INFINITY)) return;
+
+    uint2 stack[MAX_DEPTH];
+    int depth = 0;
+    uint2 current = (uint2)(instance.root, instance.root_count);
+    while (true) {
+        if (current.y == 0) {
+            if (descend(&ray, trees->nodes + current.x, hit->t, &current, stack, &depth)) continue;
+        } else for (uint i = current.x; i < current.x + current.y; i++) {
+            float4 v0 = trees->leaves[3 * i], v1 = trees->leaves[3 * i + 1], v2 = trees->leaves[3 * i + 2];
+            bool found = intersect_triangle(&ray, v0.xyz, v1.xyz, v2.xyz, as_uint(v0.w), index, hit);
+            if (any && found) return;
+        }
+        if (depth == 0) return;
+        current = stack[--depth];
+    }
+}
+
+inline Hit trace(const Trees *trees, float3 low, float3 high, uint instances, uint root, float3 origin, float3 direction, float t_min,
+                 float t_max, bool any)
+{
+    Hit hit = { t_max, 0.0f, 0.0f, NONE, NONE };
+    if (!(t_max > t_min)) return hit;
+    Ray ray = make_ray(origin, direction, t_min, low, high);
+    uint2 stack[MAX_DEPTH];
+    int depth = 0;
+    uint2 current = (uint2)(root, instances == 1);
+    while (true) {
+        if (current.y == 0) {
+            if (descend(&ray, trees->top_nodes + current.x, hit.t, &current, stack, &depth)) continue;
+        } else for (uint i = current.x; i < current.x + current.y; i++) {
+            trace_instance(trees, trees->top_order[i], origin, direction, t_min, any, &hit);
+            if (any && hit.instance != NONE) return hit;
+        }
+        if (depth == 0) return hit;
+        current = stack[--depth];
+    }
+}
+
+__kernel void closest_hit(
+    __global const Node *top_nodes,       // (top_inner)
+    __global const uint *top_order,       // (instances)
+    __global const Node *nodes,           // (inner)
+    __global const float4 *leaves,        // (triangles, 3)
+    __global const Instance *instances_,  // (instances)
+    __global const float *bounds,         // (6)
+    __global const float *origins,        // (3, n)
+    __global const float *directions,     // (3, n)
+    __global const float *t_mins,         // (n) or null
+    __global const float *lengths,        // (n)
+    __global float *t,                    // (n)
+    __global float *uv,                   // (2, n)
+    __global uint *primitive,             // (n)
+    __global uint *instance,              // (n)
+    uint instances,
+    uint top_root,
+    uint n)
+{
+    uint i = get_global_id(0);
+    if (i >= n) return;
+    Trees trees = { top_nodes, nodes, top_order, leaves, instances_ };
+    float3 low = (float3)(bounds[0], bounds[1], bounds[2]), high = (float3)(bounds[3], bounds[4], bounds[5]);
+    Hit hit = trace(&trees, low, high, instances, top_root, load_planes(origins, n, i), load_planes(directions, n, i),
+                    t_mins ? t_mins[i] : 0.0f, lengths[i], false);
+    t[i] = hit.instance == NONE ? INFINITY : hit.t;
+    uv[i] = hit.u;
+    uv[n + i] = hit.v;
+    primitive[i] = hit.primitive;
+    instance[i] = hit.instance;
+}
+
+__kernel void any_hit(
+    __global const Node *top_nodes,       // (top_inner)
+    __global const uint *top_order,       // (instances)
+    __global const Node *nodes,           // (inner)
+    __global const float4 *leaves,        // (triangles, 3)
+    __global const Instance *instances_,  // (instances)
+    __global const float *bounds,         // (6)
+    __global const float *origins,        // (3, n)
+    __global const float *directions,     // (3, n)
+    __global const float *t_mins,         // (n) or null
+    __global const float *lengths,        // (n)
+    __global uchar *occluded,             // (n)
+    uint instances,
+    uint top_root,
+    uint n)
+{
+    uint i = get_global_id(0);
+    if (i >= n) return;
+    Trees trees = { top_nodes, nodes, top_order, leaves, instances_ };
+    float3 low = (float3)(bounds[0], bounds[1], bounds[2]), high = (float3)(bounds[3], bounds[4], bounds[5]);
+    Hit hit = trace(&trees, low, high, instances, top_root, load_planes(origins, n, i), load_planes(directions, n, i),
+                    t_mins ? t_mins[i] : 0.0f, lengths[i], true);
+    occluded[i] = hit.instance != NONE;
+}
