@@ -1,1 +1,30 @@
 """clcache: cached, temporally stable, stereo ray tracing on OpenCL."""
+
+from .errors import DeviceError, Error, SceneError, SettingError
+from .scene import load_scene
+from .version import __version__
+
+__all__ = [
+    "DeviceError",
+    "Error",
+    "Frame",
+    "Renderer",
+    "SceneError",
+    "SettingError",
+    "Tracer",
+    "__version__",
+    "load_scene",
+]
+
+
+def __getattr__(name: str):
+    """What needs an OpenCL library is imported when it is first asked for, so that the rest works without one."""
+    if name in ("Renderer", "Frame"):
+        from . import renderer
+
+        return getattr(renderer, name)
+    if name == "Tracer":
+        from .bvh import Tracer
+
+        return Tracer
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

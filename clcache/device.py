@@ -139,9 +139,9 @@ class Device:
                 array.base_data.release()
 
 
-def fill_zero(array: cl_array.Array) -> cl.Event:
-    """Set an array to zero bytes."""
-    return cl.enqueue_fill_buffer(array.queue, array.base_data, np.uint8(0), 0, array.nbytes)
+def fill(array: cl_array.Array, value: float) -> cl.Event:
+    """Set every element of an array."""
+    return cl.enqueue_fill_buffer(array.queue, array.base_data, array.dtype.type(value), 0, array.nbytes)
 
 
 def event_seconds(event: cl.Event) -> float:

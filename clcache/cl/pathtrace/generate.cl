@@ -1,0 +1,31 @@
+// Camera rays: one for each pixel, through a place in it that the sample's random numbers choose (a box filter). They begin
+// on the near plane. Writes the rays and resets the paths. One work-item per pixel.
+
+#include "common/random.cl"
+#include "common/transform.cl"
+#include "pathtrace/dimensions.cl"
+
+__kernel void generate(
+    __global float *ray_origin,     // (3, n)
+    __global float *ray_direction,  // (3, n)
+    __global float *ray_length,     // (n)
+    __global float *throughput,     // (3, n)
+    Camera camera,
+    uint n,
+    uint sample,
+    uint key0,
+    uint key1)
+{
+    uint pixel = get_global_id(0);
+    if (pixel >= n) return;
+    uint x = pixel % camera.width, y = pixel / camera.width;
+    float4 random = random4(pixel, sample, DIMENSION_PIXEL, (uint2)(key0, key1));
+    float across = 2.0f * (((float)x + random.x) / (float)camera.width) - 1.0f;
+    float down = 2.0f * (((float)y + random.y) / (float)camera.height) - 1.0f;
+    float3 on_plane = transform_vector(camera.to_world, (float3)(across * camera.slope[0], -down * camera.slope[1], -1.0f));
+    float3 eye = (float3)(camera.to_world[3], camera.to_world[7], camera.to_world[11]);
+    store_planes(ray_origin, n, pixel, eye + camera.near * on_plane);
+    store_planes(ray_direction, n, pixel, normalize3(on_plane));
+    ray_length[pixel] = INFINITY;
+    store_planes(throughput, n, pixel, (float3)(1.0f));
+}

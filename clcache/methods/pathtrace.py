@@ -1,0 +1,66 @@
+"""Path tracing without any cache: the reference of all other methods.
+
+Each sample follows one path for each pixel, as waves: every pass does one step of all paths. A path meets up to
+`bounces` + 1 surfaces; at each it samples one light, and its next ray finds emission and environment by itself, so
+that one more ray follows the last surface where there is any to find.
+"""
+
+from dataclasses import replace
+from math import inf
+
+from ..frame import Pass, Repeat
+from ..passes.film import AddSample, Clear, Mean, MeanDirection, NearestDepth, film_buffers
+from ..passes.shade import Direct, Emission, Shade, Surface, path_buffers
+from ..passes.trace import Generate, Shadow, Trace, ray_buffers
+from .method import Method, MethodSetup, PathState
+
+
+def pathtrace(setup: MethodSetup) -> Method:
+    """The passes of path tracing."""
+    device, n = setup.device, setup.size[0] * setup.size[1]
+    sample = [Generate(device), *_first_hits(setup), *_bounces(setup)]
+    passes = (
+        Clear("radiance"),
+        Clear("ray_counts"),
+        Clear("albedo_sum"),
+        Clear("N_sum"),
+        Clear("aov_Z", inf),
+        Repeat("samples", sample, count=lambda s: s.samples, advance=_at_sample),
+        Mean(device, "radiance", "color"),
+        Mean(device, "albedo_sum", "aov_albedo"),
+        MeanDirection(device, "N_sum", "aov_N"),
+    )
+    return Method(passes, (*ray_buffers(n), *path_buffers(n), *film_buffers(n)))
+
+
+def _at_sample(state: PathState, index: int) -> PathState:
+    return replace(state, sample=index)
+
+
+def _first_hits(setup: MethodSetup) -> list[Pass]:
+    device, scene = setup.device, setup.scene
+    return [
+        Trace(scene),
+        NearestDepth(device),
+        Surface(device, scene),
+        AddSample(device, "albedo", "albedo_sum"),
+        AddSample(device, "shading_normal", "N_sum"),
+    ]
+
+
+def _bounces(setup: MethodSetup) -> list[Pass]:
+    device, scene, settings = setup.device, setup.scene, setup.settings
+    last = settings["pathtrace.bounces"]
+    gathers_hits, has_lights = scene.features["HAS_EMISSION"], scene.features["HAS_LIGHTS"]
+    passes: list[Pass] = []
+    for vertex in range(last + 1):
+        if vertex > 0:
+            passes += [Trace(scene), Surface(device, scene)]
+        if gathers_hits:
+            passes += [Emission(device, scene)]
+        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"])]
+        if has_lights:
+            passes += [Shadow(scene), Direct(device)]
+    if gathers_hits:
+        passes += [Trace(scene), Emission(device, scene)]
+    return passes

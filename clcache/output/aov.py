@@ -1,0 +1,29 @@
+"""The AOVs: what a frame can carry beside its colour, declared once for passes, files and the command line."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Aov:
+    """One AOV: its name, the channels that it has in a file with a single view, and what they mean.
+
+    An AOV of one channel is an (H, W) image, one of three channels (H, W, 3); all are float32.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    meaning: str
+
+
+AOVS: dict[str, Aov] = {
+    aov.name: aov
+    for aov in (
+        Aov(
+            "albedo",
+            ("albedo.R", "albedo.G", "albedo.B"),
+            "linear Rec. 709 albedo of the first hit; 0 where nothing was hit",
+        ),
+        Aov("N", ("N.X", "N.Y", "N.Z"), "unit shading normal of the first hit, world space; 0 where nothing was hit"),
+        Aov("Z", ("Z",), "planar depth of the first hit along the viewing axis, metres; +inf where nothing was hit"),
+    )
+}

@@ -1,0 +1,87 @@
+"""From the samples of a frame to its images (`cl/pathtrace/film.cl`)."""
+
+from collections.abc import Iterable
+
+import pyopencl as cl
+
+from ..device import Device, fill
+from ..frame import Buffer, Pass
+
+
+def film_buffers(n: int) -> list[Buffer]:
+    """A frame's images, as planes, and the sums that they come from."""
+    return [
+        Buffer("color", (3, n)),
+        Buffer("albedo_sum", (3, n)),
+        Buffer("aov_albedo", (3, n)),
+        Buffer("N_sum", (3, n)),
+        Buffer("aov_N", (3, n)),
+        Buffer("aov_Z", (n,)),
+    ]
+
+
+class Clear(Pass):
+    """Start a sum, or a search for the least, over a frame's samples."""
+
+    def __init__(self, buffer: str, value: float = 0):
+        self.name, self.writes, self._value = "clear", (buffer,), value
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Set every element to the value."""
+        yield fill(arrays[self.writes[0]], self._value)
+
+
+class AddSample(Pass):
+    """Sum a quantity of the first hits over the samples."""
+
+    def __init__(self, device: Device, values: str, total: str):
+        self.name = total
+        self.reads, self.writes = (values, total), (total,)
+        self._kernel = device.program("pathtrace/film.cl")["add_sample"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Add this sample's values."""
+        values, total = (arrays[b] for b in self.reads)
+        yield self._kernel(values, total, values.shape[1], count=values.shape[1])
+
+
+class NearestDepth(Pass):
+    """The depth of the nearest first hit of the samples."""
+
+    name = "aov_Z"
+    reads = ("ray_direction", "hit_t", "aov_Z")
+    writes = ("aov_Z",)
+
+    def __init__(self, device: Device):
+        self._kernel = device.program("pathtrace/film.cl")["nearest_depth"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Compare this sample's depths."""
+        n = arrays["hit_t"].shape[0]
+        yield self._kernel(*(arrays[b] for b in self.reads), state.camera, n, count=n)
+
+
+class Mean(Pass):
+    """The mean of a sum over samples."""
+
+    def __init__(self, device: Device, total: str, average: str):
+        self.name, self.reads, self.writes = average, (total,), (average,)
+        self._kernel = device.program("pathtrace/film.cl")["mean"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Divide by the number of samples."""
+        total, average = arrays[self.reads[0]], arrays[self.writes[0]]
+        yield self._kernel(total, average, total.shape[1], state.samples, count=total.shape[1])
+
+
+class MeanDirection(Pass):
+    """The mean of summed directions, of unit length."""
+
+    def __init__(self, device: Device, total: str, average: str):
+        self.name, self.reads, self.writes = average, (total,), (average,)
+        self._kernel = device.program("pathtrace/film.cl")["mean_direction"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Normalise the sums."""
+        total, average = arrays[self.reads[0]], arrays[self.writes[0]]
+        yield self._kernel(total, average, total.shape[1], count=total.shape[1])

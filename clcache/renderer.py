@@ -1,0 +1,207 @@
+"""Render frames: a scene, a method and a device, tied together."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pyopencl as cl
+
+from . import settings as settings_module
+from .device import Device
+from .errors import DeviceError, SettingError
+from .frame import FrameGraph
+from .layout import STRUCTS
+from .methods import METHODS, MethodSetup, PathState
+from .output.aov import AOVS
+from .random import stream_key
+from .resources import SceneResources
+from .scene.model import Camera, Scene
+from .version import __version__
+
+DEFAULT_SPP = 16
+MAX_PIXELS = 2**30  # kernels count elements of three planes in 32 bits
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A finished frame. number: the frame's. color: eye -> (H, W, 3) float32, linear. cameras: eye -> Camera. stats: the
+    frame's entry of stats.json."""
+
+    number: int
+    color: dict[str, np.ndarray]
+    cameras: dict[str, Camera]
+    stats: dict
+    _aovs: dict[str, dict[str, np.ndarray]] = field(repr=False)
+
+    def aov(self, name: str, eye: str) -> np.ndarray:
+        """An AOV that the renderer was asked for: (H, W) or (H, W, 3) float32. Raises SettingError if it was not."""
+        if name not in self._aovs[eye]:
+            raise SettingError(f"AOV {name}: not rendered; there is {', '.join(self._aovs[eye]) or 'none'}")
+        return self._aovs[eye][name]
+
+
+class Renderer:
+    """Render a scene by a method.
+
+    scene: what `load_scene` returns. method: one of METHODS. size: width, height in pixels. stereo: two eyes. seed: of all
+    random numbers, 0 .. 2^64 - 1. spp: samples for each pixel. settings: dotted name -> value. device: index, or part of
+    the platform's or device's name. threads: compute units to use. aovs: names of AOVS. on_compile: called with a
+    program's name before it is built. What is None is as the scene says, else the default. The device's memory is
+    checked before anything is allocated. Raises SettingError, DeviceError.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        method: str | None = None,
+        size: tuple[int, int] | None = None,
+        stereo: bool | None = None,
+        seed: int | None = None,
+        spp: int | None = None,
+        settings: dict[str, object] | None = None,
+        device: str | int | None = None,
+        threads: int | None = None,
+        aovs: Sequence[str] = (),
+        on_compile: Callable[[str], None] | None = None,
+    ):
+        defaults = scene.defaults
+        self.scene = scene
+        self.method = _first(method, defaults.method, "pathtrace")
+        self.size = _checked_size(_first(size, defaults.size))
+        self.seed = _checked("seed", _first(seed, defaults.seed, 0), 0, 2**64 - 1)
+        self.spp = _checked("spp", _first(spp, defaults.spp, DEFAULT_SPP), 1, 2**31 - 1)
+        self.eyes = ("left", "right") if _first(stereo, defaults.stereo) else ("mono",)
+        self.settings = settings_module.resolve(defaults.settings, settings or {})
+        self.aovs = _checked_aovs(aovs)
+        if self.method not in METHODS:
+            raise SettingError(f"method {self.method}: unknown; there is {', '.join(METHODS)}")
+
+        self.device = Device(device, threads, self.settings["device.local_size"], on_compile)
+        self._resources = SceneResources(self.device, scene)
+        setup = MethodSetup(self.device, self._resources, self.size, self.settings)
+        parts = METHODS[self.method](setup)
+        outputs = ("color", "ray_counts", *(f"aov_{name}" for name in self.aovs))
+        self._graph = FrameGraph(self.device, parts.passes, parts.buffers, outputs)
+        self._render_seconds = 0.0
+
+    def frames(
+        self, begin: int | None = None, end: int | None = None, progress: Callable[[float], None] | None = None
+    ) -> Iterator[Frame]:
+        """Render frames begin .. end - 1 (the scene's range where None), one at a time. progress: called with the part of
+        the current frame that is done. Raises SettingError, DeviceError."""
+        first, last = self.scene.defaults.frames
+        begin, end = _first(begin, first), _first(end, last)
+        if not 0 <= begin < end:
+            raise SettingError(f"frames {begin}:{end}: expected 0 <= first < end")
+        for number in range(begin, end):
+            yield self._render(number, progress)
+
+    def stats(self) -> dict:
+        """All of stats.json but its frames, so far."""
+        device, scene = self.device, self.scene
+        return {
+            "version": __version__,
+            "device": {
+                "platform": device.platform,
+                "name": device.name,
+                "driver": device.driver,
+                "threads": device.threads,
+            },
+            "scene": {
+                "file": scene.file,
+                "triangles": scene.triangle_count,
+                "instances": len(scene.instances),
+                "materials": len(scene.materials),
+            },
+            "method": self.method,
+            "settings": self.settings,
+            "spp": self.spp,
+            "seed": self.seed,
+            "size": list(self.size),
+            "features": self._resources.features,
+            "memory": {
+                "bvh": self._resources.trees.nbytes,
+                "textures": self._resources.texture_bytes,
+                "cache": 0,
+                "total": device.allocated,
+            },
+            "seconds": {
+                "bvh_build": self._resources.trees.seconds,
+                "compile": device.compile_seconds,
+                "render": self._render_seconds,
+            },
+        }
+
+    def _render(self, number: int, progress: Callable[[float], None] | None) -> Frame:
+        start = time.perf_counter()
+        color, aovs, cameras, stats = {}, {}, {}, {}
+        for index, eye in enumerate(self.eyes):
+            cameras[eye] = self._eye_camera(index)
+            state = PathState(_camera_record(cameras[eye], self.size), stream_key(self.seed, number), self.spp)
+            part = None if progress is None else lambda p, index=index: progress((index + p) / len(self.eyes))
+            try:
+                seconds = self._graph.run(state, part)
+            except cl.Error as error:
+                raise DeviceError(f"frame {number}: the device failed: {error}") from error
+            color[eye] = self._image("color")
+            aovs[eye] = {name: self._image(f"aov_{name}") for name in self.aovs}
+            stats[eye] = {"passes": dict(seconds), "rays": self._ray_counts(), "cache": {}}
+        elapsed = time.perf_counter() - start
+        self._render_seconds += elapsed
+        return Frame(number, color, cameras, {"frame": number, "seconds": elapsed, "eyes": stats}, aovs)
+
+    def _eye_camera(self, index: int) -> Camera:
+        """The camera, moved along its x axis to the eye's place; eyes look in parallel."""
+        camera = self.scene.camera
+        aside = (index - 0.5) * self.scene.defaults.eye_distance if len(self.eyes) == 2 else 0.0
+        transform = np.array(camera.transform, np.float64)
+        transform[:, 3] += aside * transform[:, 0]
+        return replace(camera, transform=transform)
+
+    def _image(self, buffer: str) -> np.ndarray:
+        """A buffer of planes as (H, W) or (H, W, 3) float32."""
+        width, height = self.size
+        planes = self._graph.arrays[buffer].get()
+        if planes.ndim == 1:
+            return planes.reshape(height, width)
+        return np.ascontiguousarray(planes.reshape(-1, height, width).transpose(1, 2, 0))
+
+    def _ray_counts(self) -> dict[str, int]:
+        secondary, shadow = self._graph.arrays["ray_counts"].get().sum(axis=1, dtype=np.int64)
+        return {"primary": self.size[0] * self.size[1] * self.spp, "secondary": int(secondary), "shadow": int(shadow)}
+
+
+def _camera_record(camera: Camera, size: tuple[int, int]) -> np.void:
+    record = np.zeros((), STRUCTS["Camera"])
+    width, height = size
+    slope = np.tan(camera.fov_y / 2)
+    record["to_world"] = np.asarray(camera.transform).ravel()
+    record["slope"] = slope * width / height, slope
+    record["near"], record["width"], record["height"] = camera.near, width, height
+    return record[()]
+
+
+def _first(*values):
+    """The first value that is not None."""
+    return next((v for v in values if v is not None), None)
+
+
+def _checked(name: str, value: int, low: int, high: int) -> int:
+    if not low <= value <= high:
+        raise SettingError(f"{name} {value}: expected {low} .. {high}")
+    return value
+
+
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = size
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise SettingError(f"size {width}x{height}: expected at least 1x1, and at most {MAX_PIXELS} pixels")
+    return width, height
+
+
+def _checked_aovs(names: Sequence[str]) -> tuple[str, ...]:
+    for name in names:
+        if name not in AOVS:
+            raise SettingError(f"AOV {name}: unknown; there is {', '.join(AOVS)}")
+    return tuple(dict.fromkeys(names))

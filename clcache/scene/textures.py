@@ -1,0 +1,57 @@
+"""Pictures, of whatever kind Pillow reads, as 8-bit sRGB textures."""
+
+import io
+import warnings
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..errors import SceneError
+from .files import read_bytes
+
+
+def read_picture(path: Path, where: str) -> np.ndarray:
+    """The pixels of a picture file, as `decode_picture` gives them. Raises SceneError."""
+    return decode_picture(read_bytes(path, where), where)
+
+
+def decode_picture(data: bytes, where: str) -> np.ndarray:
+    """(h, w, 4) uint8 RGBA, sRGB-encoded, top row first, from the bytes of a picture file.
+
+    16-bit pictures are rounded to 8 bits. Floating-point pictures hold linear light by convention: they are clipped to
+    [0, 1] and encoded. Raises SceneError if the data is no picture, is cut short, or would take more pixels than Pillow
+    holds to be safe to unpack.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data)) as picture:
+                return _to_rgba8(picture)
+    except Image.DecompressionBombError:
+        raise SceneError(
+            f"{where}: the picture has too many pixels; expected at most {2 * Image.MAX_IMAGE_PIXELS:,}"
+        ) from None
+    except Image.UnidentifiedImageError:
+        raise SceneError(f"{where}: not a picture in a format that Pillow reads") from None
+    except (OSError, ValueError, SyntaxError, EOFError, IndexError, TypeError, OverflowError) as error:
+        raise SceneError(f"{where}: the picture is damaged ({' '.join(str(error).split())})") from None
+
+
+def _to_rgba8(picture: Image.Image) -> np.ndarray:
+    if picture.mode.startswith("I"):  # I;16 and its byte orders; I, in which Pillow hands out 16-bit greys of some formats
+        grey = np.clip(np.asarray(picture).astype(np.float64), 0, 65535)
+        return _grey_to_rgba8(np.rint(grey / 257).astype(np.uint8))
+    if picture.mode == "F":
+        grey = np.nan_to_num(np.clip(np.asarray(picture), 0.0, 1.0))
+        return _grey_to_rgba8(np.rint(255 * encode_srgb(grey)).astype(np.uint8))
+    return np.array(picture.convert("RGBA"), np.uint8)
+
+
+def _grey_to_rgba8(grey: np.ndarray) -> np.ndarray:
+    return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
+
+
+def encode_srgb(linear: np.ndarray) -> np.ndarray:
+    """The sRGB transfer function (IEC 61966-2-1) of linear values in [0, 1]."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
