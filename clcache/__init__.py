@@ -1,7 +1,6 @@
 """clcache: cached, temporally stable, stereo ray tracing on OpenCL."""
 
 from .errors import DeviceError, Error, SceneError, SettingError
-from .scene import load_scene
 from .version import __version__
 
 __all__ = [
@@ -18,7 +17,11 @@ __all__ = [
 
 
 def __getattr__(name: str):
-    """What needs an OpenCL library is imported when it is first asked for, so that the rest works without one."""
+    """What is slow to import, or needs an OpenCL library, is imported when it is first asked for."""
+    if name == "load_scene":
+        from .scene import load_scene
+
+        return load_scene
     if name in ("Renderer", "Frame"):
         from . import renderer
 

@@ -63,6 +63,9 @@ class Device:
         on_compile: Callable[[str], None] | None = None,
     ):
         if threads is not None:
+            processors = os.cpu_count() or threads
+            if not 1 <= threads <= processors:
+                raise SettingError(f"--threads {threads}: expected 1 .. {processors}")
             limit_pocl_threads(threads)
         candidate = drivers.choose(None if spec is None else str(spec))
         whole = candidate.device
@@ -86,7 +89,7 @@ class Device:
 
     def program(self, name: str, **defines: int | float | bool) -> Program:
         """The program of `cl/<name>`, specialised by the defines; built at its first use. Raises DeviceError."""
-        key = (name, *sorted(defines.items()))
+        key = (name, *sorted((key, repr(value)) for key, value in defines.items()))  # repr tells 1 from 1.0 and True
         if key not in self._programs:
             if self._on_compile:
                 self._on_compile(name)
@@ -158,8 +161,6 @@ def _with_threads(candidate: drivers.Candidate, threads: int) -> cl.Device:
     device, name = candidate.device, candidate.name
     if threads == device.max_compute_units:
         return device
-    if not 1 <= threads <= (os.cpu_count() or threads):
-        raise SettingError(f"--threads {threads}: device {name} has 1 .. {device.max_compute_units}")
     if candidate.platform == "Portable Computing Language":  # its sub-devices run on all threads all the same
         raise DeviceError(
             f"--threads {threads}: PoCL has {device.max_compute_units} since it was first used in this process, "

@@ -6,7 +6,7 @@ pass comes after those that write what it reads, and the time of each is what th
 
 Passes that write the same buffer keep the order in which they are listed, and so does a reader that is listed after one of
 them; a reader that is listed before all writers of a buffer gets what the last of them leaves. `persistent` buffers
-keep their contents from one run to the next: a reader listed before the writers gets what the run before left.
+keep their contents, zeros at first, from one run to the next: a reader listed before the writers gets what the run before left.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ _EVENTS_IN_FLIGHT = 256
 
 @dataclass(frozen=True)
 class Buffer:
-    """A named array of the graph: its shape and dtype; `persistent` if its contents outlive a run."""
+    """A named array of the graph: its shape and dtype; `persistent` if its contents, zeros at first, outlive a run."""
 
     name: str
     shape: tuple[int, ...]
@@ -103,8 +103,12 @@ class FrameGraph:
         self.buffers = [declared[name] for name in used if name in declared]
         device.check_fits("the frame", {b.name: b.nbytes for b in self.buffers})
         self.arrays: dict[str, cl_array.Array] = given
-        for buffer in self.buffers:
-            self.arrays[buffer.name] = device.empty(buffer.shape, buffer.dtype, buffer.name)
+        for b in self.buffers:
+            self.arrays[b.name] = (
+                device.upload(np.zeros(b.shape, b.dtype), b.name)
+                if b.persistent
+                else device.empty(b.shape, b.dtype, b.name)
+            )
         self.seconds: dict[str, float] = {}
         self._events: list[tuple[str, cl.Event]] = []
 

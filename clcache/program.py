@@ -173,6 +173,8 @@ def _as_buffer(place: str, argument: Argument, value: object, sizes: dict[str, t
         raise TypeError(f"{place} is {type(value).__name__}, not an array of the device")
     if value.dtype != argument.dtype:
         raise TypeError(f"{place} has dtype {value.dtype}, not {argument.dtype}")
+    if value.offset or not value.flags.c_contiguous:
+        raise ValueError(f"{place} is a view; kernels take whole arrays in C order")
     if argument.shape != ("*",):
         if len(value.shape) != len(argument.shape):
             raise ValueError(f"{place} has shape {value.shape}, not {_shape_text(argument.shape)}")
@@ -224,7 +226,7 @@ class Program:
 
 
 def _literal(value: int | float | bool) -> str:
-    return f"{value!r}f" if isinstance(value, float) else str(int(value))
+    return f"({float(value)!r}f)" if isinstance(value, (float, np.floating)) else f"({int(value)})"
 
 
 def _first_line(error: Exception) -> str:

@@ -42,7 +42,8 @@ class SceneTrees:
         n = len(geometry.triangles)
         begins = geometry.first_triangle
         segment = np.repeat(np.arange(len(begins) - 1, dtype=np.uint32), np.diff(begins))
-        device.check_fits("the build of the trees", {"boxes, keys and nodes": n * (24 + 48 + 4 + 24 + 64 + 48)})
+        bytes_each = {"boxes": 24, "pyramid of boxes": 48, "segments": 4, "keys": 16, "order": 8, "nodes": 64, "leaves": 48}
+        device.check_fits("the build of the trees", {name: n * size for name, size in bytes_each.items()})
 
         positions = device.upload(geometry.positions, "positions")
         triangles = device.upload(geometry.triangles, "triangles")

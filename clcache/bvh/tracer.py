@@ -78,8 +78,8 @@ class Tracer:
     ) -> np.ndarray:
         """The nearest hit of each ray within the open interval (t_min, t_max).
 
-        origins, directions: (n, 3), finite; directions need not be of unit length, t is in units of theirs. t_min, t_max:
-        numbers or (n,). Returns (n,) HIT_DTYPE: t; u, v, the weights of the triangle's second and third vertex;
+        origins, directions: (n, 3), finite; directions need not be of unit length, t is in units of theirs. t_min (at
+        least 0), t_max: numbers or (n,). Returns (n,) HIT_DTYPE: t; u, v, the weights of the triangle's second and third vertex;
         primitive, its number in `Scene.meshes[...].triangles`; instance, its number in `Scene.instances`. A miss has t
         infinite and primitive and instance MISS. Raises ValueError for shapes or values that do not fit.
         """
@@ -118,6 +118,6 @@ class Tracer:
         if not directions.any(axis=1).all():
             raise ValueError(f"direction {int(np.argmin(directions.any(axis=1)))} is zero")
         limits = [np.broadcast_to(np.asarray(t, np.float32), len(origins)) for t in (t_min, t_max)]
-        if np.isnan(limits).any():
-            raise ValueError("t_min or t_max is not a number")
+        if not (limits[0] >= 0).all() or np.isnan(limits[1]).any():
+            raise ValueError("t_min is below 0, or t_min or t_max is not a number")
         return [self._device.upload(values, "rays") for values in (origins.T, directions.T, *limits)]

@@ -58,7 +58,8 @@ def _bounces(setup: MethodSetup) -> list[Pass]:
             passes += [Trace(scene), Surface(device, scene)]
         if gathers_hits:
             passes += [Emission(device, scene)]
-        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"])]
+        is_last = vertex == last and not gathers_hits
+        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last)]
         if has_lights:
             passes += [Shadow(scene), Direct(device)]
     if gathers_hits:

@@ -34,15 +34,15 @@ COLOR_CHANNELS = ("R", "G", "B")
 REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of red, green, blue and white (ITU-R BT.709)
 
 
-def provenance(scene: Scene, stats: Mapping[str, object], spp: int) -> dict[str, object]:
-    """The attributes that all frames of a render share. stats: `Renderer.stats()`. spp: samples per pixel."""
+def provenance(scene: Scene, stats: Mapping[str, object]) -> dict[str, object]:
+    """The attributes that all frames of a render share. stats: `Renderer.stats()`."""
     return {
         "software": f"clcache {stats['version']}",
         "scene": scene.file.encode("utf-8", "backslashreplace").decode("utf-8"),
         "method": stats["method"],
         "settings": json.dumps(stats["settings"], sort_keys=True),
         "seed": str(stats["seed"]),
-        "spp": int(spp),
+        "spp": stats["spp"],
         # A denominator of 1001 holds the broadcast rates exactly, and keeps the numerator within 32 bits.
         "framesPerSecond": Fraction(scene.defaults.fps).limit_denominator(1001),
         "chromaticities": REC_709,

@@ -71,13 +71,14 @@ class Emission(Pass):
 class Shade(Pass):
     """The paths' next rays, and a shadow ray to a light where the scene has lights (`cl/pathtrace/shade.cl`).
 
-    vertex: number of the surface along the path, 0 for the first hit. roulette: first bounce that may end a path.
+    vertex: number of the surface along the path, 0 for the first hit. roulette: first bounce that may end a path. is_last:
+    no ray is traced after this one.
     """
 
     name = "shade"
 
-    def __init__(self, device: Device, scene: SceneResources, vertex: int, roulette: int):
-        self._scene, self._vertex, self._roulette = scene, vertex, roulette
+    def __init__(self, device: Device, scene: SceneResources, vertex: int, roulette: int, is_last: bool):
+        self._scene, self._vertex, self._roulette, self._is_last = scene, vertex, roulette, is_last
         self._kernel = device.program("pathtrace/shade.cl", HAS_LIGHTS=scene.features["HAS_LIGHTS"])["shade"]
         shadow_ray = SHADOW_RAY if scene.features["HAS_LIGHTS"] else ()
         self.reads = ("hit_instance", *SURFACE, "throughput", "ray_counts")
@@ -88,7 +89,7 @@ class Shade(Pass):
         n, scene = arrays["ray_length"].shape[0], self._scene
         used = ("hit_instance", *SURFACE, "ray_origin", "ray_direction", "ray_length", "throughput", *SHADOW_RAY)
         buffers = (arrays.get(b) for b in (*used, "ray_counts"))
-        choice = (scene.light_count, self._vertex, self._roulette)
+        choice = (scene.light_count, self._vertex, self._roulette, int(self._is_last))
         yield self._kernel(scene.lights, *buffers, n, *choice, state.sample, *state.key, count=n)
 
 

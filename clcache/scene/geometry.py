@@ -34,7 +34,8 @@ class Geometry:
         meshes = scene.meshes
         first_vertex = _starts(len(m.positions) for m in meshes)
         used = [m.positions[np.unique(m.triangles)] for m in meshes]
-        to_world = np.array([i.transform for i in scene.instances], np.float64)
+        # Rounded first: the way back must be the inverse of the way that kernels go.
+        to_world = np.array([i.transform for i in scene.instances], np.float32).astype(np.float64)
         square = np.concatenate([to_world, np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(to_world), 1, 4))], axis=1)
         return cls(
             positions=np.concatenate([m.positions for m in meshes]).astype(np.float32),

@@ -48,6 +48,7 @@ def _complete(name: str, read: TomlScene) -> Scene:
     if not part.instances:
         left_out = ", ".join(f"{count} {what}" for what, count in part.dropped.items())
         raise SceneError(f"{name}: the scene has no triangles" + (f" (left out: {left_out})" if left_out else ""))
+    part.prune()
     notes = list(part.notes)
     camera, lights, environment = framing.complete(part, read.environment, read.defaults.size, notes)
     return Scene(

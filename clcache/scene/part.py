@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .model import NO_TEXTURE, Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Texture
 
@@ -35,6 +36,32 @@ class Part:
         self.dropped += other.dropped
         self.notes += other.notes
         return first_mesh
+
+    def prune(self) -> None:
+        """Leave out the meshes that no instance uses, then the materials and textures that no mesh uses."""
+        used, position = _used([i.mesh for i in self.instances], len(self.meshes))
+        self.meshes = [self.meshes[n] for n in used]
+        self.instances = [replace(i, mesh=int(position[i.mesh])) for i in self.instances]
+        counts = [np.bincount(m.material, minlength=len(self.materials)) for m in self.meshes]
+        used, position = _used(np.flatnonzero(np.sum(counts, axis=0)), len(self.materials))
+        self.materials = [self.materials[n] for n in used]
+        self.meshes = [replace(m, material=position[m.material].astype(np.uint32)) for m in self.meshes]
+        textured = [m.base_color_texture for m in self.materials if m.base_color_texture != NO_TEXTURE]
+        used, position = _used(textured, len(self.textures))
+        self.textures = [self.textures[n] for n in used]
+        self.materials = [
+            m
+            if m.base_color_texture == NO_TEXTURE
+            else replace(m, base_color_texture=int(position[m.base_color_texture]))
+            for m in self.materials
+        ]
+
+
+def _used(indices: ArrayLike, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The indices that occur, ascending, and for each of `count` old indices the new one."""
+    occurs = np.zeros(count, bool)
+    occurs[np.asarray(indices, np.int64)] = True
+    return np.flatnonzero(occurs), np.cumsum(occurs) - 1
 
 
 def place_light(light: PointLight | DirectionalLight, transform: np.ndarray) -> PointLight | DirectionalLight:

@@ -22,7 +22,7 @@ from .files import Folder, read_text
 from .model import NO_TEXTURE, Camera, Defaults, DirectionalLight, Instance, Material, PointLight, Texture
 from .part import Part, place_light
 from .textures import read_picture
-from .transform import compose, look_at, rotation_matrix
+from .transform import compose, look_at, rigid, rotation_matrix
 from .validate import check_transform, make_mesh
 
 KeyPath = tuple[str | int, ...]
@@ -242,6 +242,8 @@ def _add_instances(
             placed = compose(transform, inner.transform)
             part.instances.append(Instance(inner.name, mesh, placed))
         part.lights += [place_light(light, transform) for light in source.lights]
+        if part.camera is None and source.camera is not None:
+            part.camera = replace(source.camera, transform=rigid(compose(transform, source.camera.transform)))
 
 
 def _painted(part: Part, painted: dict[tuple[int, int], int], mesh: int, material: int) -> int:

@@ -42,6 +42,7 @@ inline Ray make_ray(float3 origin, float3 direction, float t_min, float3 low, fl
     ray.shear = (float3)(d.x / d.z, d.y / d.z, 1.0f / d.z);
     float3 reach = fmax(fabs(origin - low), fabs(origin - high));
     float3 error = 5.0f * UNIT_ROUNDOFF * (reach + permute(reach, ray.longest).z);
+    error += 2.0f * UNIT_ROUNDOFF * fabs(origin);  // a unit in the last place, or far from zero the sum would lose it all
     ray.origin = origin;
     ray.inverse = 1.0f / direction;
     ray.origin_low = origin + error;

@@ -3,7 +3,7 @@
 // of length 0 is no ray.
 //
 // Diffuse reflection is sampled by the cosine, so that the throughput is multiplied by the albedo alone. From the bounce
-// `roulette` on, a path goes on with the probability of its throughput's largest component.
+// `roulette` on, a path goes on with the probability of its throughput's largest component; where `is_last`, none does.
 //
 // Defines: HAS_LIGHTS.
 
@@ -52,6 +52,7 @@ __kernel void shade(
     uint light_count,
     uint vertex,
     uint roulette,
+    uint is_last,
     uint sample,
     uint key0,
     uint key1)
@@ -90,7 +91,7 @@ __kernel void shade(
 
     float3 next = sample_cosine(ns, random.x, random.y);
     float survival = vertex + 1 >= roulette ? fmin(max_component(reflected), SURVIVAL_LIMIT) : 1.0f;
-    bool goes_on = dot3(ng, next) > 0.0f && max_component(reflected) > 0.0f && random.z < survival;
+    bool goes_on = !is_last && dot3(ng, next) > 0.0f && max_component(reflected) > 0.0f && random.z < survival;
     store_planes(ray_direction, n, i, next);
     store_planes(throughput, n, i, reflected / survival);
     ray_length[i] = goes_on ? INFINITY : 0.0f;

@@ -1,0 +1,7 @@
+"""`python -m clcache` is the command `clcache`."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

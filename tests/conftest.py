@@ -1,0 +1,29 @@
+"""Fixtures for all tests: every OpenCL device of this machine that works."""
+
+import pytest
+
+from clcache import drivers
+from clcache.device import Device
+
+
+def _usable() -> list[drivers.Candidate]:
+    """Simulators are left out: they are too slow for anything but tests/test_oclgrind.py."""
+    return [c for c in drivers.candidates() if "Oclgrind" not in c.platform and drivers.probe(c).usable]
+
+
+# Where no device works, the one test parameter is the default device, so that the tests fail with the reason.
+_CANDIDATES = _usable()
+_SPECS = [str(c.index) for c in _CANDIDATES] or [None]
+_NAMES = [f"{c.platform.split()[0]}-{c.index}" for c in _CANDIDATES] or ["none"]
+
+
+@pytest.fixture(scope="session", params=_SPECS, ids=_NAMES)
+def device(request: pytest.FixtureRequest) -> Device:
+    """Each usable device in turn."""
+    return Device(request.param)
+
+
+@pytest.fixture(scope="session")
+def other_groups(device: Device, request: pytest.FixtureRequest) -> Device:
+    """The same device once more, in a context of its own and with another work-group size."""
+    return Device(request.node.callspec.params["device"] if hasattr(request.node, "callspec") else None, local_size=7)
