@@ -104,13 +104,12 @@ def merged(surfaces: list[Surface]) -> Surface:
     )
 
 
-def copies(surface: Surface, offsets: np.ndarray, scales: np.ndarray | None = None) -> Surface:
-    """The surface repeated at each of the offsets (n, 3), enlarged by scales (n,)."""
+def copies(surface: Surface, offsets: np.ndarray) -> Surface:
+    """The surface repeated at each of the offsets (n, 3)."""
     n, v = len(offsets), len(surface.positions)
-    scales = np.ones(n) if scales is None else scales
     return Surface(
         surface.material,
-        (surface.positions * scales[:, None, None] + offsets[:, None, :]).reshape(-1, 3),
+        (surface.positions + offsets[:, None, :]).reshape(-1, 3),
         np.tile(surface.normals, (n, 1)),
         np.tile(surface.uvs, (n, 1)),
         (surface.triangles + (np.arange(n) * v)[:, None, None]).reshape(-1, 3),
@@ -123,7 +122,7 @@ def grid(material: str, points: np.ndarray, lengths: np.ndarray, normals: np.nda
     points: (m, n, 3). lengths: (m, n, 2), the surface's own coordinates in metres. normals: (m, n, 3), or None for flat
     quads, which then face along (d points / d column) x (d points / d row).
     """
-    points, lengths = np.broadcast_arrays(points, 0.0)[0], lengths / metres(material)
+    lengths = lengths / metres(material)
     rows, columns = points.shape[:2]
     quads = np.arange(rows * columns).reshape(rows, columns)
     quads = np.stack([quads[:-1, :-1], quads[:-1, 1:], quads[1:, 1:], quads[1:, :-1]], axis=-1).reshape(-1, 4)
@@ -314,10 +313,10 @@ def column(radius: float, height: float, base: float, segments: int) -> list[Sur
         torus(top, neck, neck + 0.14 * base, 6),
         (top, neck + 0.30 * base),
         torus(top * 1.04, neck + 0.30 * base, neck + 0.38 * base, 4),
-        curve(top * 1.04, neck + 0.62 * base, 0.24 * base, 0.24 * base, -90.0, 0.0, 5),
+        curve(top * 1.04, neck + 0.62 * base, 0.36 * base, 0.24 * base, -90.0, 0.0, 5),
         (0.6 * radius, neck + 0.62 * base),
     )
-    side = top * 1.04 + 0.27 * base
+    side = top * 1.04 + 0.44 * base
     return [
         revolved("limestone", line, segments),
         *centred_box("limestone", radius * 1.12 + 0.19 * base, 0.0, plinth),
@@ -340,18 +339,9 @@ def pierced_wall(material: str, half: float, radius: float, top: float, steps: i
         normals = np.broadcast_to([0.0, 0.0, side], points.shape)
         faces.append(grid(material, points, outline * [1.0, -1.0], normals))
     # The underside on the capital, from the arch to the panel's end.
-    for x in (-half, radius):
-        faces.append(
-            quad(
-                material,
-                [
-                    (x, 0, -WALL / 2),
-                    (x + half - radius, 0, -WALL / 2),
-                    (x + half - radius, 0, WALL / 2),
-                    (x, 0, WALL / 2),
-                ],
-            )
-        )
+    z = WALL / 2
+    for x0, x1 in ((-half, -radius), (radius, half)):
+        faces.append(quad(material, [(x0, 0, -z), (x1, 0, -z), (x1, 0, z), (x0, 0, z)]))
     return faces
 
 
@@ -425,7 +415,9 @@ def vault(width: float, depth: float, steps: int = 12) -> list[Surface]:
     reach = np.abs(np.sin(angle)) * (1.0 - across) + across  # from the diagonal to the edge
     for half, other, turn in ((width / 2, depth / 2, 0.0), (depth / 2, width / 2, 90.0)):
         points = np.stack(np.broadcast_arrays(half * np.sin(angle), VAULT_RISE * np.cos(angle), other * reach), axis=-1)
-        normals = -np.stack(np.broadcast_arrays(np.sin(angle) / half, np.cos(angle) / VAULT_RISE, 0.0 * reach), axis=-1)
+        normals = -np.stack(
+            np.broadcast_arrays(np.sin(angle) / half, np.cos(angle) / VAULT_RISE, np.zeros_like(reach)), axis=-1
+        )
         around = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points[0, :, :2], axis=0), axis=1))])
         lengths = np.stack(np.broadcast_arrays(around[None, :], points[..., 2]), axis=-1)
         sector = grid("whitewash", points, lengths, normals)
@@ -515,13 +507,15 @@ def balustrade() -> list[Surface]:
 
 
 def upper_column() -> list[Surface]:
-    """A pedestal as high as the balustrade, and a slender column on it; y = 0 is the floor."""
-    pedestal = RAIL - UPPER
+    """A pedestal as high as the balustrade, a slender column on it, and a block that bears the wall; y = 0 is the floor."""
+    pedestal, height, block = RAIL - UPPER, UPPER_SPRING - UPPER, 0.13
     return [
         *centred_box("limestone", 0.20, 0.0, 0.12),
         *centred_box("limestone", 0.165, 0.12, pedestal - 0.10),
         *centred_box("limestone", 0.20, pedestal - 0.10, pedestal),
-        *[s.moved((0.0, pedestal, 0.0)) for s in column(0.105, UPPER_SPRING - RAIL, 0.16, 12)],
+        *[s.moved((0.0, pedestal, 0.0)) for s in column(0.105, height - block - pedestal, 0.16, 12)],
+        *box("limestone", (-0.185, height - block, -0.27), (0.185, height - 0.03, 0.27)),
+        *box("limestone", (-0.20, height - 0.03, -0.31), (0.20, height, 0.31)),
     ]
 
 
@@ -574,7 +568,7 @@ def banner(material: str, phase: float) -> list[Surface]:
         np.broadcast_arrays(hang[:1, :, 0], -0.06 + 0.025 * np.sin(over), -0.58 + 0.025 * np.cos(over)), axis=-1
     )
     lengths = np.stack(
-        [np.concatenate([loop[..., 0], hang[..., 0]]), np.concatenate([0.0 * loop[..., 0], drop])], axis=-1
+        [np.concatenate([loop[..., 0], hang[..., 0]]), np.concatenate([np.zeros(loop.shape[:2]), drop])], axis=-1
     )
     rod = revolved("wood", profile((0.0, -0.56), (0.02, -0.56), (0.02, 0.56), (0.0, 0.56)), 10)
     brackets = [face for x in (-0.5, 0.5) for face in box("iron", (x - 0.012, -0.085, -0.6), (x + 0.012, -0.055, -0.1))]
@@ -763,7 +757,7 @@ def shell() -> list[Surface]:
         ring("wood", profile(high, low)),
         ring("terracotta", profile(low, low + up, high + up)),
         ring("plaster", profile((wall + 0.5, 0.0), (wall + 0.5, high[1]))),
-    ]  # fmt: skip
+    ]
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -775,11 +769,18 @@ def rounded(values) -> np.ndarray:
     return (np.round(np.asarray(values, dtype=float), 5) + 0.0).astype(np.float32)
 
 
+def empty_document() -> dict:
+    """A glTF document without nodes."""
+    lists = {"nodes": [], "meshes": [], "accessors": [], "bufferViews": []}
+    asset = {"version": "2.0", "generator": "clcache tools/make_atrium.py"}
+    return {"asset": asset, "scene": 0, "scenes": [{"nodes": []}], **lists}
+
+
 @dataclass
 class Gltf:
     """A glTF 2.0 document with one binary buffer, built up mesh by mesh and node by node."""
 
-    document: dict = field(default_factory=lambda: {"asset": {"version": "2.0", "generator": "clcache tools/make_atrium.py"}, "scene": 0, "scenes": [{"nodes": []}], "nodes": [], "meshes": [], "accessors": [], "bufferViews": []})  # fmt: skip
+    document: dict = field(default_factory=empty_document)
     binary: bytearray = field(default_factory=bytearray)
 
     def add_materials(self) -> None:
@@ -818,7 +819,7 @@ class Gltf:
         triangles = index.reshape(-1)[surface.triangles]
         corners = vertices[triangles, :3].astype(float)
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        triangles = triangles[area > 1e-9]
+        triangles = triangles[area > 1e-9]  # rounding may have closed some
         indices = triangles.reshape(-1).astype(np.uint16 if len(vertices) < 65536 else np.uint32)
         return {
             "attributes": {
@@ -837,7 +838,15 @@ class Gltf:
         self.document["meshes"].append({"name": name, "primitives": primitives})
         return len(self.document["meshes"]) - 1
 
-    def node(self, name: str, parent: int | None = None, mesh: int | None = None, at=(0.0, 0.0, 0.0), turn: float = 0.0, scale: float = 1.0) -> int:  # fmt: skip
+    def node(
+        self,
+        name: str,
+        parent: int | None = None,
+        mesh: int | None = None,
+        at=(0.0, 0.0, 0.0),
+        turn: float = 0.0,
+        scale: float = 1.0,
+    ) -> int:
         """A node at `at`, turned by `turn` degrees about +Y, under `parent` or at the root; returns its index."""
         node: dict = {"name": name}
         if mesh is not None:
