@@ -13,6 +13,7 @@ __all__ = [
     "Tracer",
     "__version__",
     "load_scene",
+    "metrics",
 ]
 
 
@@ -26,6 +27,10 @@ def __getattr__(name: str):
         from . import renderer
 
         return getattr(renderer, name)
+    if name == "metrics":
+        import importlib
+
+        return importlib.import_module(".metrics", __name__)
     if name == "Tracer":
         from .bvh import Tracer
 

@@ -16,11 +16,14 @@ INTEL_WHEELS = "intel-opencl-rt intel-cmplr-lib-rt"
 
 
 def install_driver() -> list[str]:
-    """What to tell the user, in lines: first the shell command that installs a driver, if there is one.
+    """What to tell the user, in lines: first the shell command that helps, if there is one.
 
     PoCL from the system's packages where the user may install them without a question, else Intel's CPU runtime from
     PyPI, which needs no root; neither where it is installed already, and so does not work.
     """
+    for variable in ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"):
+        if os.environ.get(variable):
+            return [f"unset {variable}", "(it hides all drivers but its own)"]
     if sys.platform != "linux":
         return ["install the OpenCL driver of the processor's or the graphics card's maker"]
     package = None if any("pocl" in file.name for file in probe.driver_files()) else _pocl_commands()

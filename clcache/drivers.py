@@ -84,7 +84,7 @@ def choose(spec: str | None = None) -> Candidate:
     if spec is None or not found:
         usable = next((c for c in found if probe(c).usable), None)
         if usable is None:
-            state = f"{len(found)} found, none passes its probe" if found else "no driver lists one"
+            state = f"{len(found)} found; the first: {probe(found[0]).reason}" if found else "no driver lists one"
             raise DeviceError(f"no OpenCL device works here ({state}); {ADVICE}")
         return usable
     candidate = _named(spec, found)
@@ -134,7 +134,10 @@ def _run_child(arguments: list[str], environment: dict[str, str]) -> Verdict:
         return Verdict(False, f"gave no answer within {TIME_LIMIT} s", crashed=True)
     if child.returncode:
         return Verdict(False, f"{_ending(child.returncode)}: {prober.gist(child.stderr)}", crashed=True)
-    failure = json.loads(child.stdout.splitlines()[-1])["failure"]
+    answers = [line for line in child.stdout.splitlines() if line.startswith(prober.ANSWER)]  # drivers may print, too
+    if not answers:
+        return Verdict(False, "ended the process before it was done", crashed=True)
+    failure = json.loads(answers[-1].removeprefix(prober.ANSWER))
     return Verdict(failure is None, failure or "the probe kernel gave the right numbers")
 
 

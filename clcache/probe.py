@@ -7,7 +7,8 @@ that the child starts quickly:
     python probe.py            load the drivers and ask for their platforms
     python probe.py INDEX      prove one device
 
-The last line of the output is the verdict, as JSON; any other end of the process is one too.
+It prints a line that starts with ANSWER and gives what is wrong, null if nothing is, as JSON; any other end of the
+process is an answer, too.
 """
 
 import contextlib
@@ -25,6 +26,7 @@ import numpy as np
 import pyopencl as cl
 
 KERNEL = Path(__file__).parent / "cl" / "probe.cl"
+ANSWER = "wrong: "
 GROUP = 64  # work-items in a group, as in probe.cl
 ITEMS = 4 * GROUP
 
@@ -41,11 +43,12 @@ def platforms() -> list[cl.Platform]:
 
 def devices() -> list[cl.Device]:
     """Every device of every platform: CPUs with PoCL first, then other CPUs, other devices, and simulators."""
-    found = []
-    for platform in platforms():
-        with contextlib.suppress(cl.Error):  # a platform without a device
-            found += platform.get_devices()
-    return sorted(found, key=_preference)
+    return sorted((device for platform in platforms() for device in _devices_of(platform)), key=_preference)
+
+
+def empty_platforms() -> list[cl.Platform]:
+    """The platforms that list no device."""
+    return [platform for platform in platforms() if not _devices_of(platform)]
 
 
 def driver_files() -> list[Path]:
@@ -77,15 +80,14 @@ def failure(device: cl.Device) -> str | None:
 
 
 def loading_failure() -> str | None:
-    """Load the drivers: None if there is a platform, else why there is none."""
+    """Load the drivers: None if there is a platform, else why the first of them gives none."""
     if platforms():
         return None
     for file in driver_files():
-        library = file.read_text().strip()
         try:
-            ctypes.CDLL(library)
-        except OSError as error:
-            return f"{file} names a library that cannot be loaded: {error}"
+            ctypes.CDLL(file.read_text(errors="replace").strip())
+        except (OSError, ValueError) as error:
+            return f"its library cannot be loaded: {error}"
     return "no OpenCL platform"
 
 
@@ -115,6 +117,13 @@ def _vendor_folder() -> Iterator[None]:
             yield
         finally:
             del os.environ["OCL_ICD_VENDORS"]
+
+
+def _devices_of(platform: cl.Platform) -> list[cl.Device]:
+    try:
+        return platform.get_devices()
+    except cl.Error:
+        return []
 
 
 def _preference(device: cl.Device) -> tuple[bool, bool, bool]:
@@ -150,7 +159,7 @@ def _run(device: cl.Device, a: np.ndarray, b: np.ndarray, outputs: dict[str, np.
 
 def main(arguments: list[str]) -> None:
     found = failure(devices()[int(arguments[0])]) if arguments else loading_failure()
-    print(json.dumps({"failure": found}))
+    print(f"\n{ANSWER}{json.dumps(found)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -18,12 +18,18 @@ _NAMES = [f"{c.platform.split()[0]}-{c.index}" for c in _CANDIDATES] or ["none"]
 
 
 @pytest.fixture(scope="session", params=_SPECS, ids=_NAMES)
-def device(request: pytest.FixtureRequest) -> Device:
-    """Each usable device in turn."""
-    return Device(request.param)
+def device_spec(request: pytest.FixtureRequest) -> str | None:
+    """What selects each usable device in turn."""
+    return request.param
 
 
 @pytest.fixture(scope="session")
-def other_groups(device: Device, request: pytest.FixtureRequest) -> Device:
+def device(device_spec: str | None) -> Device:
+    """Each usable device in turn."""
+    return Device(device_spec)
+
+
+@pytest.fixture(scope="session")
+def other_groups(device_spec: str | None) -> Device:
     """The same device once more, in a context of its own and with another work-group size."""
-    return Device(request.node.callspec.params["device"] if hasattr(request.node, "callspec") else None, local_size=7)
+    return Device(device_spec, local_size=7)

@@ -152,7 +152,8 @@ def exact_hits(
         tangent = np.linalg.norm(normal[..., :2], axis=-1) / np.abs(normal[..., 2])
         error = (delta * (1 + tangent) + slide * tangent) / speed + 4 * UNIT_ROUNDOFF * np.abs(t)
     t = np.where(np.isfinite(t), t, 0.0)
-    error = np.where((area > 0) & np.isfinite(error), error, np.inf)
+    has_area = area > 1e-10 * (edge * edge).sum(-1).max(axis=-1)  # seen along the ray; else float64 has no t either
+    error = np.where(has_area & np.isfinite(error), error, np.inf)
     certain = inside & (distance > delta) & np.isfinite(error)
     reach = (delta + 4 * UNIT_ROUNDOFF * np.abs(depth).max(axis=-1)) / speed
     nearest, farthest = depth.min(axis=-1) / speed - reach, depth.max(axis=-1) / speed + reach

@@ -22,7 +22,9 @@ def grey(albedo: float, emission: float = 0.0) -> Material:
     return Material("grey", (albedo,) * 3, emission=(emission,) * 3)
 
 
-def view(eye: Sequence[float], target: Sequence[float], degrees: float = 40, near: float = 0.0, up=(0.0, 1.0, 0.0)) -> Camera:
+def view(
+    eye: Sequence[float], target: Sequence[float], degrees: float = 40, near: float = 0.0, up=(0.0, 1.0, 0.0)
+) -> Camera:
     """A camera that looks from one place at another."""
     return Camera(look_at(eye, target, up), np.radians(degrees), near)
 
@@ -75,7 +77,9 @@ def camera_rays(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The rays that a frame's sample sends through its pixels: origin (3,), unit directions (H, W, 3), in float64."""
     width, height = size
-    jitter = random4(np.arange(width * height, dtype=np.uint32), sample, 0, stream_key(seed, frame)).reshape(height, width, 4)
+    jitter = random4(np.arange(width * height, dtype=np.uint32), sample, 0, stream_key(seed, frame)).reshape(
+        height, width, 4
+    )
     x = (np.arange(width) + jitter[..., 0]) / width * 2 - 1
     y = 1 - (np.arange(height)[:, None] + jitter[..., 1]) / height * 2
     slope = np.tan(camera.fov_y / 2)
@@ -121,7 +125,7 @@ def everything() -> Scene:
         floor(8),
         ball(1, 2, 1, smooth=True),
         lamp,
-        camera=view((0.5, 2, 6), (0, 0.8, 0)),
+        camera=view((0.5, 3.5, 5), (0, 0.6, 0)),
         materials=materials,
         lights=lights,
         environment=(0.2, 0.3, 0.5),

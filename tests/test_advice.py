@@ -17,6 +17,8 @@ def machine(monkeypatch):
     """A Debian machine on x86_64 without any driver, for an ordinary user who has pip; the arguments change that."""
 
     def make(tools=("apt-get",), root=False, sudo_asks=False, arch="x86_64", drivers=(), intel=False, pip=True):
+        monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
+        monkeypatch.delenv("OPENCL_VENDOR_PATH", raising=False)
         monkeypatch.setattr(advice.shutil, "which", lambda tool: f"/usr/bin/{tool}" if tool in tools else None)
         monkeypatch.setattr(advice.os, "geteuid", lambda: 0 if root else 1000)
         monkeypatch.setattr(advice.subprocess, "run", lambda *a, **k: SimpleNamespace(returncode=int(sudo_asks)))
@@ -79,3 +81,10 @@ def test_externally_managed_python(machine, monkeypatch, tmp_path):
     assert "--break-system-packages" not in machine(tools=())[0]
     monkeypatch.setattr(sys, "base_prefix", "/an/environment")
     assert machine(tools=())[0] == PIP.replace("install", "install --break-system-packages")
+
+
+@pytest.mark.parametrize("variable", ["OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"])
+def test_variable_that_hides_drivers(monkeypatch, variable):
+    monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
+    monkeypatch.setenv(variable, "/some/where")
+    assert advice.install_driver()[0] == f"unset {variable}"

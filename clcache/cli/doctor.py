@@ -35,6 +35,10 @@ def run(args: argparse.Namespace) -> int:
         print("remove the driver file at fault, or set OCL_ICD_VENDORS to the only driver file to use")
         return 1
 
+    for platform in probe.empty_platforms():
+        print(f"platform {platform.name} ({platform.version}) lists no device")
+        if "PoCL" in platform.version:
+            print("    PoCL lists none where it cannot write its cache; XDG_CACHE_HOME names the folder for caches")
     verdicts = {candidate: drivers.probe(candidate, use_caches=False) for candidate in drivers.candidates()}
     for candidate, verdict in verdicts.items():
         _print_device(candidate, verdict)
@@ -42,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
             _print_capabilities(device.probe_capabilities(candidate.device))
     if not any(verdict.usable for verdict in verdicts.values()):
         print(
-            f"no OpenCL device {'works' if verdicts else 'was found'}; to install one:",
+            f"no OpenCL device {'works' if verdicts else 'was found'}; what to do:",
             *advice.install_driver(),
             sep="\n    ",
         )
@@ -52,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         chosen = drivers.choose()
     except Error as error:
-        print(f"CLCACHE_DEVICE={setting}: {error}")
+        print(f"CLCACHE_DEVICE={setting}: {error}" if setting else error)
         return 1
     reason = f"CLCACHE_DEVICE={setting} names it" if setting else "the first that works; --device takes another"
     print(f"used: device {chosen}: {reason}")

@@ -12,7 +12,7 @@ What the camera sees of the sky decides about light: a sun and an even sky where
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -29,18 +29,19 @@ _INSIDE_FOV_Y = math.radians(45)  # 73 degrees wide at 16:9
 _OUTSIDE_VIEW = np.array([0.5, 0.4, 0.8])  # towards the eye: front is +Z, as in glTF
 _MARGIN = 0.92  # of the picture's half width and height that the object may fill
 
-# The middle of the scene is where all but this fraction of the triangles are, on each side; it counts as the scene's
+# The middle of the scene is where all but this fraction of the corners are, on each side; it counts as the scene's
 # extent if it is less than a quarter of the whole, which then is a ground or a sky.
 _STRAY = 0.01
 
 _GRID = 7  # columns on each side of a regular grid
-_SAMPLED = 49  # columns through the middles of triangles, which are dense where the scene has its content
-_ROOM = 0.3  # fraction of the columns through triangles with a place to stand that makes a room
+_SAMPLED = 97  # columns through the middles of triangles, which are dense where the scene has its content
+_ROOM = 1 / 3  # fraction of the columns through triangles with a place to stand that makes a room
 _LOWEST_GAP = 0.15  # height of a gap that counts, relative to the scene's height
-_HIGH_UP = 0.7  # where in a gap without a ceiling the walls must still be
+_HIGH_UP = 0.85  # where in a gap without a ceiling the walls must still be
 
 # How many places are looked around from, how many of the views from there are judged, and with how many rays.
 _PLACES, _VIEWS, _HEADINGS, _RAYS = 6, 12, 16, (9, 5)
+_CHUNK = 1500  # triangles cast against at once: products of matrices so small do not wait for threads
 _STEP_BACK = 0.9  # of the free distance behind a place, for the camera to stand there
 
 Strength = tuple[float, float, float]
@@ -48,11 +49,24 @@ Strength = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class _World:
-    """Triangles of all instances. corners: (t, 3, 3) float32, counter-clockwise where the file's normals point.
-    instance: (t,) the number of the instance that each belongs to."""
+    """Triangles of all instances, in units in which the scene lies about the origin and its longest side measures 1.
+
+    corners: (t, 3, 3) float32, counter-clockwise where the file's normals point. instance: (t,) the number of the
+    instance that each belongs to. centre and size: of the scene, in metres.
+    """
 
     corners: np.ndarray
     instance: np.ndarray
+    centre: np.ndarray
+    size: float
+
+    def to_metres(self, camera: Camera) -> Camera:
+        eye = camera.transform[:, 3] * self.size + self.centre
+        return replace(camera, transform=np.column_stack([camera.transform[:, :3], eye]))
+
+    def from_metres(self, camera: Camera) -> Camera:
+        eye = (camera.transform[:, 3] - self.centre) / self.size
+        return replace(camera, transform=np.column_stack([camera.transform[:, :3], eye]))
 
 
 def complete(
@@ -69,7 +83,7 @@ def complete(
         return camera, lights, environment or (0.0, 0.0, 0.0)
     world = _gather(part)
     if camera is None:
-        camera = _frame(world, size[0] / size[1], notes)
+        camera = world.to_metres(_frame(world, size[0] / size[1], notes))
     if dark:
         light, environment = _light(world, camera, notes)
         lights.append(light)
@@ -92,9 +106,14 @@ def _gather(part: Part) -> _World:
         for number in numbers:
             transform = part.instances[number].transform
             placed = local @ transform[:, :3].T + transform[:, 3]
-            corners.append((placed[:, ::-1] if np.linalg.det(transform[:, :3]) < 0 else placed).astype(np.float32))
+            corners.append(placed[:, ::-1] if np.linalg.det(transform[:, :3]) < 0 else placed)
         instances.append(np.repeat(numbers, len(local)))
-    return _World(np.concatenate(corners), np.concatenate(instances))
+    corners = np.concatenate(corners)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    centre, size = (low + high) / 2, float((high - low).max())
+    corners -= centre
+    corners /= size
+    return _World(corners.astype(np.float32), np.concatenate(instances), centre, size)
 
 
 def _selection(corners: np.ndarray, share: float) -> np.ndarray:
@@ -109,7 +128,7 @@ def _selection(corners: np.ndarray, share: float) -> np.ndarray:
 
 def _oriented(part: Part, index: int) -> np.ndarray:
     mesh = part.meshes[index]
-    corners = mesh.positions[mesh.triangles]
+    corners = mesh.positions[mesh.triangles].astype(np.float64)
     if mesh.normals is not None:
         geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         against = np.einsum("ij,ij->i", geometric, mesh.normals[mesh.triangles].sum(axis=1)) < 0
@@ -201,10 +220,11 @@ def _most(corners: np.ndarray) -> np.ndarray:
     return np.maximum(np.maximum(corners[:, 0], corners[:, 1]), corners[:, 2])
 
 
-def _extent(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _extent(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the box that counts as the scene: all of it, or its middle where that is much smaller."""
-    low, high = triangles.min(axis=(0, 1)).astype(np.float64), triangles.max(axis=(0, 1)).astype(np.float64)
-    middle_low, middle_high = np.quantile(triangles.mean(axis=1), [_STRAY, 1 - _STRAY], axis=0).astype(np.float64)
+    points = corners.reshape(-1, 3).astype(np.float64)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle_low, middle_high = np.quantile(points, [_STRAY, 1 - _STRAY], axis=0)
     if ((middle_high - middle_low)[[0, 2]] < 0.25 * (high - low)[[0, 2]]).all():
         return middle_low, middle_high
     return low, high
@@ -300,20 +320,25 @@ def _look(world: _World, camera: Camera, aspect: float) -> tuple[np.ndarray, np.
     directions = np.column_stack([across.ravel(), up.ravel(), -np.ones(across.size)])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     # Only triangles whose bounds in the picture contain a point of the grid can be hit, or those that reach behind.
-    seen = ((world.corners.reshape(-1, 3) - eye.astype(np.float32)) @ turn.astype(np.float32)).reshape(-1, 3, 3)
-    depth = -seen[:, :, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = (seen[:, :, :2] / depth[:, :, None] / half + 1) * ((np.array(_RAYS) - 1) / 2)
-    low, high = np.ceil(_least(at) - 1e-3), np.floor(_most(at) + 1e-3)
-    inside = (low <= high) & (low < _RAYS) & (high >= 0)
-    ahead = _most(depth) > 0
-    near = np.flatnonzero(ahead & (inside[:, 0] & inside[:, 1] | (_least(depth) <= 0)))
-    return _cast(world, near, eye, directions @ turn.T)
+    depth = _along(world.corners, eye, -turn[:, 2])
+    near = _most(depth) > 0
+    crosses = _least(depth) <= 0
+    for axis, count in enumerate(_RAYS):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = _along(world.corners, eye, turn[:, axis]) / depth
+        at = (at / np.float32(half[axis]) + 1) * np.float32((count - 1) / 2)
+        low, high = np.ceil(_least(at) - 1e-3), np.floor(_most(at) + 1e-3)
+        near &= crosses | ((low <= high) & (low < count) & (high >= 0))
+    return _cast(world, np.flatnonzero(near), eye, directions @ turn.T)
 
 
-def _cast(
-    world: _World, near: np.ndarray, origin: np.ndarray, directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _along(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(t, 3) how far each corner is from the origin along a direction."""
+    offset, (x, y, z) = np.float32(origin @ direction), direction.astype(np.float32)
+    return corners[:, :, 0] * x + corners[:, :, 1] * y + corners[:, :, 2] * z - offset
+
+
+def _cast(world: _World, near: np.ndarray, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance to, and instance of, the first triangle in each of (n, 3) unit directions from one origin; infinite and
     -1 where there is none.
 
@@ -321,8 +346,8 @@ def _cast(
     on the same side.
     """
     hits = [(np.zeros(0), np.zeros(0, int), np.zeros(0, int))]
-    for start in range(0, len(near), 10_000):
-        chunk = near[start : start + 10_000]
+    for start in range(0, len(near), _CHUNK):
+        chunk = near[start : start + _CHUNK]
         a, b, c = (world.corners[chunk] - origin.astype(np.float32)).transpose(1, 0, 2)
         x, y, z = (np.cross(p, q) @ directions.T.astype(np.float32) for p, q in ((b, c), (c, a), (a, b)))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -359,19 +384,21 @@ def _outside(triangles: np.ndarray, low: np.ndarray, high: np.ndarray, aspect: f
     t = math.tan(_OUTSIDE_FOV_Y / 2) * _MARGIN * np.array([aspect, 1.0])
     above = (seen[:, :2] + seen[:, 2:] * t).max(axis=0)
     below = (-seen[:, :2] + seen[:, 2:] * t).max(axis=0)
-    away = ((above + below) / (2 * t)).max()
-    eye = centre + turn @ np.append((above - below) / 2, away)
-    return Camera(np.column_stack([turn, eye]), _OUTSIDE_FOV_Y)
+    # Not nearer than this, which matters to what is thin along the line of sight.
+    away = max(((above + below) / (2 * t)).max(), seen[:, 2].max() + 0.2 * (high - low).max())
+    offset = (above - below) / 2
+    for _ in range(4):  # towards the middle in the direction that has room left
+        places = (seen[:, :2] - offset) / (away - seen[:, 2:])
+        offset = offset + away * (places.min(axis=0) + places.max(axis=0)) / 2
+    return Camera(np.column_stack([turn, centre + turn @ np.append(offset, away)]), _OUTSIDE_FOV_Y)
 
 
 # The light
 
 
-def _light(
-    world: _World, camera: Camera, notes: list[str]
-) -> tuple[PointLight | DirectionalLight, Strength]:
+def _light(world: _World, camera: Camera, notes: list[str]) -> tuple[PointLight | DirectionalLight, Strength]:
     """A sun over the camera's shoulder and an even sky; a lamp above the camera where neither reaches it."""
-    eye = camera.transform[:, 3]
+    eye = world.from_metres(camera).transform[:, 3]
     distance = _cast(world, np.arange(len(world.corners)), eye, _upward_directions())[0]
     if np.isinf(distance).any():
         notes.append("no light in the file: a sun over the camera's left shoulder and an even sky were added")
@@ -380,10 +407,10 @@ def _light(
         direction /= np.linalg.norm(direction)
         return DirectionalLight(tuple(direction.tolist()), (3.0, 3.0, 3.0)), (0.5, 0.5, 0.5)
     notes.append("no light in the file, and no sky in view: a lamp above the camera was added")
-    ahead = float(np.median(_look(world, camera, 1.0)[0]))
+    ahead = float(np.median(_look(world, world.from_metres(camera), 1.0)[0]))
     reach = ahead if math.isfinite(ahead) else float(distance.mean())
-    position = eye + np.array([0.0, 0.5 * distance[0], 0.0])
-    return PointLight(tuple(position.tolist()), (3.0 * (0.7 * reach) ** 2,) * 3), (0.0, 0.0, 0.0)
+    position = (eye + [0.0, 0.5 * distance[0], 0.0]) * world.size + world.centre
+    return PointLight(tuple(position.tolist()), (3.0 * (0.7 * reach * world.size) ** 2,) * 3), (0.0, 0.0, 0.0)
 
 
 def _level(vector: np.ndarray) -> np.ndarray:

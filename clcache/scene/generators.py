@@ -37,7 +37,9 @@ def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
     angle = 2 * np.pi * ring / 5
     height, radius = 1 / np.sqrt(5), 2 / np.sqrt(5)
     upper = np.column_stack([radius * np.sin(angle), np.full(5, height), radius * np.cos(angle)])
-    lower = np.column_stack([radius * np.sin(angle + np.pi / 5), np.full(5, -height), radius * np.cos(angle + np.pi / 5)])
+    lower = np.column_stack(
+        [radius * np.sin(angle + np.pi / 5), np.full(5, -height), radius * np.cos(angle + np.pi / 5)]
+    )
     points = np.vstack([[0.0, 1.0, 0.0], upper, lower, [0.0, -1.0, 0.0]])
     after = (ring + 1) % 5
     up, up_after, low, low_after = 1 + ring, 1 + after, 6 + ring, 6 + after
@@ -129,10 +131,14 @@ def hairball(triangles: int, segments: int, radius: float, thickness: float, see
     out, wave_a, wave_b, side = (random_directions() for _ in range(4))
     turns_a, turns_b = rng.uniform(1, 4, (2, hairs, 1, 1))
     phase_a, phase_b = rng.uniform(0, 2 * np.pi, (2, hairs, 1, 1))
-    bend = along * (wave_a * np.sin(2 * np.pi * turns_a * along + phase_a) + wave_b * np.sin(2 * np.pi * turns_b * along + phase_b))
+    bend = along * (
+        wave_a * np.sin(2 * np.pi * turns_a * along + phase_a) + wave_b * np.sin(2 * np.pi * turns_b * along + phase_b)
+    )
     heading = out + 0.45 * bend
     heading /= np.linalg.norm(heading, axis=2, keepdims=True)
-    distance = (radius - thickness) * (rng.uniform(0, 0.33, (hairs, 1, 1)) * (1 - along) + rng.uniform(0.7, 1, (hairs, 1, 1)) * along)
+    distance = (radius - thickness) * (
+        rng.uniform(0, 0.33, (hairs, 1, 1)) * (1 - along) + rng.uniform(0.7, 1, (hairs, 1, 1)) * along
+    )
     across = np.cross(heading, side + 0.5 * wave_a)
     across /= np.linalg.norm(across, axis=2, keepdims=True)
     centre = heading * distance

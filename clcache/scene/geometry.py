@@ -70,7 +70,9 @@ def instance_bounds(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
     Exact for the identity; otherwise wide enough for what float32 transforms of a ray can be off: some units in the last
     place of the largest number met.
     """
-    low, high = (geometry.mesh_bounds.T[geometry.instance_mesh, side].astype(np.float64) for side in (np.s_[:3], np.s_[3:]))
+    low, high = (
+        geometry.mesh_bounds.T[geometry.instance_mesh, side].astype(np.float64) for side in (np.s_[:3], np.s_[3:])
+    )
     matrix, offset = geometry.to_world[:, :, :3].astype(np.float64), geometry.to_world[:, :, 3].astype(np.float64)
     centre = np.einsum("ijk,ik->ij", matrix, 0.5 * (low + high)) + offset
     half = np.einsum("ijk,ik->ij", np.abs(matrix), 0.5 * (high - low))
@@ -79,5 +81,7 @@ def instance_bounds(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
     margin = np.where(is_identity[:, None], 0.0, 16 * np.finfo(np.float32).eps * size)
     outward = np.float32(np.inf)
     world_low = np.where(is_identity[:, None], low, np.nextafter((centre - half - margin).astype(np.float32), -outward))
-    world_high = np.where(is_identity[:, None], high, np.nextafter((centre + half + margin).astype(np.float32), outward))
+    world_high = np.where(
+        is_identity[:, None], high, np.nextafter((centre + half + margin).astype(np.float32), outward)
+    )
     return world_low.astype(np.float32), world_high.astype(np.float32)

@@ -51,9 +51,7 @@ ComponentType = Literal[5120, 5121, 5122, 5123, 5125, 5126]
 class _Object(BaseModel):
     """A glTF object; properties that are not read here are ignored."""
 
-    model_config = ConfigDict(
-        alias_generator=to_camel, extra="ignore", strict=True, allow_inf_nan=False, frozen=True
-    )
+    model_config = ConfigDict(alias_generator=to_camel, extra="ignore", strict=True, allow_inf_nan=False, frozen=True)
     name: str = ""
     extensions: dict[str, Any] = {}
 
@@ -249,7 +247,9 @@ def load_gltf(path: Path, name: str, folder: Folder) -> Part:
                 meshes[node.mesh] = _add_mesh(file, part, node.mesh, place)
             if meshes[node.mesh] is not None:
                 here = check_transform(f"{name}: {place}", transform)
-                part.instances.append(Instance(node.name or part.meshes[meshes[node.mesh]].name, meshes[node.mesh], here))
+                part.instances.append(
+                    Instance(node.name or part.meshes[meshes[node.mesh]].name, meshes[node.mesh], here)
+                )
         if node.camera is not None and part.camera is None:
             part.camera = _camera(file, part, node.camera, place, transform)
         if "KHR_lights_punctual" in node.extensions:
@@ -449,7 +449,9 @@ def _add_texture(
     key = (texture.source, wrap)
     if key not in textures:
         image = file.item(file.document.images, texture.source, f"textures[{index}]", "images")
-        name = image.name or (image.uri if image.uri and not image.uri.startswith("data:") else f"images[{texture.source}]")
+        name = image.name or (
+            image.uri if image.uri and not image.uri.startswith("data:") else f"images[{texture.source}]"
+        )
         textures[key] = len(part.textures)
         part.textures.append(Texture(name, _picture(file, texture.source, image), wrap))
     return textures[key]
@@ -544,7 +546,10 @@ def _append_vertices(file: _File, arrays: _Arrays, key: tuple[int | None, int | 
         raise file.error(place, "has no POSITION")
     positions = _attribute(file, position, "VEC3", f"{place}.POSITION")
     arrays.positions.append(positions)
-    for accessor, kind, what, into in ((normal, "VEC3", "NORMAL", arrays.normals), (uv, "VEC2", "TEXCOORD", arrays.uvs)):
+    for accessor, kind, what, into in (
+        (normal, "VEC3", "NORMAL", arrays.normals),
+        (uv, "VEC2", "TEXCOORD", arrays.uvs),
+    ):
         if accessor is None:
             into.append(np.zeros((len(positions), _WIDTHS[kind]), np.float32))
             continue
@@ -630,9 +635,7 @@ def _replace_sparse(file: _File, sparse: _Sparse, values: np.ndarray, place: str
     return values
 
 
-def _strided(
-    file: _File, view: int, offset: int, count: int, width: int, dtype: np.dtype, place: str
-) -> np.ndarray:
+def _strided(file: _File, view: int, offset: int, count: int, width: int, dtype: np.dtype, place: str) -> np.ndarray:
     """A read-only (count, width) window on a buffer view, whose bounds are checked first."""
     data, stride = _view(file, view, place)
     size = width * dtype.itemsize
@@ -649,11 +652,15 @@ def _view(file: _File, index: int, place: str) -> tuple[memoryview, int | None]:
     """The bytes of a buffer view, and its stride."""
     view = file.item(file.document.buffer_views, index, place, "bufferViews")
     if "EXT_meshopt_compression" in view.extensions:
-        raise file.error(f"bufferViews[{index}]", "EXT_meshopt_compression is not supported; export the file without it")
+        raise file.error(
+            f"bufferViews[{index}]", "EXT_meshopt_compression is not supported; export the file without it"
+        )
     data = _buffer(file, view.buffer, f"bufferViews[{index}]")
     if view.byte_offset + view.byte_length > len(data):
         end = view.byte_offset + view.byte_length
-        raise file.error(f"bufferViews[{index}]", f"ends at byte {end} of buffers[{view.buffer}], which has {len(data)}")
+        raise file.error(
+            f"bufferViews[{index}]", f"ends at byte {end} of buffers[{view.buffer}], which has {len(data)}"
+        )
     return data[view.byte_offset : view.byte_offset + view.byte_length], view.byte_stride
 
 

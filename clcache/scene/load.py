@@ -40,7 +40,9 @@ def _load_mesh_file(path: Path, name: str, folder: Folder) -> Part:
     if kind in meshfile.FORMATS:
         return meshfile.load_mesh_file(path, name, folder)
     known = ", ".join(f".{k}" for k in ("toml", "gltf", "glb", *meshfile.FORMATS))
-    raise SceneError(f"{name}: {f'.{kind}' if kind else 'no suffix'}: not a kind of file that is read; expected {known}")
+    raise SceneError(
+        f"{name}: {f'.{kind}' if kind else 'no suffix'}: not a kind of file that is read; expected {known}"
+    )
 
 
 def _complete(name: str, read: TomlScene) -> Scene:

@@ -1,8 +1,8 @@
 """OBJ, PLY, STL, OFF and whatever else trimesh reads, except glTF; trimesh parses the file, and reads no other file."""
 
 import io
+import logging
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +18,14 @@ from .part import Part
 from .textures import read_picture
 from .validate import check_transform, make_mesh
 
+# Without a handler, Python prints the library's warnings, with the tracebacks of what it tried, to standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
 FORMATS = tuple(sorted(mesh_formats() - {"gltf", "glb"}))
 
-# What trimesh and the decoders under it raise on damaged input; anything else is a defect of ours.
-_DAMAGE = (
-    ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, NotImplementedError, OSError, SyntaxError,
-    TypeError, ValueError,
-)  # fmt: skip
+
+# Where a header declares the number of faces.
+_FACE_COUNT = {"off": rb"OFF\s+\d+\s+(\d+)", "ply": rb"element face[ \t]+(\d+)"}
 
 
 class _NamesOnly(Resolver):
@@ -50,62 +51,94 @@ def load_mesh_file(path: Path, name: str, folder: Folder) -> Part:
     """Read a mesh file that trimesh knows. name: the file as messages call it. Raises SceneError."""
     kind = path.suffix.lower().lstrip(".")
     data = read_bytes(path, name)
-    part = Part()
-    indices = {}
+    part = Part(materials=[Material("default")])
+    named: dict[str, int] = {}
     if kind == "obj":
-        text = data.decode("utf-8", "replace")
+        text = data.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
         _check_obj(text, name)
-        indices = _add_materials(part, _obj_materials(text, path, name, folder), path, folder)
-    default = len(part.materials)
-    part.materials.append(Material("default"))
-    for geometry_name, geometry, transform in _geometries(data, kind, name, list(indices), part):
-        mesh_name = geometry_name or name
-        material = indices.get(_material_name(geometry), default)
-        normals = geometry._cache.cache.get("vertex_normals")  # only those of the file; the property would invent some
-        uvs = getattr(geometry.visual, "uv", None)
-        if uvs is not None:
-            uvs = np.asarray(uvs, np.float64)[:, :2] * [1, -1] + [0, 1]
-        mesh = make_mesh(
-            name, mesh_name, geometry.vertices.view(np.ndarray), geometry.faces.view(np.ndarray), material,
-            part.dropped, normals, uvs,
-        )  # fmt: skip
-        if mesh is not None:
-            part.instances.append(Instance(mesh_name, len(part.meshes), check_transform(f"{name}: {mesh_name}", transform)))
-            part.meshes.append(mesh)
+        named = _add_materials(part, _obj_materials(text, path, name, folder), folder, name)
+    elif kind == "ply":
+        _add_ply_texture(part, data, path, name, folder)
+    scene = _read(data, kind, name, list(named))
+    if kind in _FACE_COUNT:
+        _check_count(data, _FACE_COUNT[kind], scene, name)
+    meshes = {
+        key: _add_mesh(part, geometry, key or name, name, named)
+        for key, geometry in scene.geometry.items()
+        if _has_triangles(geometry, part)
+    }
+    for node in scene.graph.nodes_geometry:
+        matrix, key = scene.graph[node]
+        if meshes.get(key) is not None:
+            transform = check_transform(f"{name}: {node}", matrix[:3])
+            part.instances.append(Instance(str(node), meshes[key], transform))
     return part
 
 
-def _geometries(
-    data: bytes, kind: str, name: str, materials: list[str], part: Part
-) -> Iterator[tuple[str, trimesh.Trimesh, np.ndarray]]:
-    """Name, mesh and (3, 4) transform of everything in the file that has triangles."""
+def _read(data: bytes, kind: str, name: str, materials: list[str]) -> trimesh.Scene:
     try:
         with np.errstate(all="ignore"):
-            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_NamesOnly(materials), process=False)
-        placed = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]
+            return trimesh.load_scene(
+                io.BytesIO(data),
+                file_type=kind,
+                resolver=_NamesOnly(materials),
+                process=False,
+                **({"skip_materials": True} if kind == "ply" else {}),
+            )
     except MemoryError:
         raise SceneError(f"{name}: damaged: it declares more elements than memory can hold") from None
     except ImportError as error:
         raise SceneError(f"{name}: reading .{kind} files needs a package that is not installed ({error})") from None
-    except _DAMAGE as error:
+    except Exception as error:  # on damaged input, a parser may raise anything
         raise SceneError(f"{name}: not a readable .{kind} file ({_one_line(error)})") from None
-    for _, matrix, geometry_name in placed:
-        geometry = scene.geometry[geometry_name]
-        if isinstance(geometry, trimesh.Trimesh):
-            yield geometry_name, geometry, matrix[:3]
-        else:
-            part.dropped["points and lines"] += len(getattr(geometry, "vertices", ()))
-    coloured = sum(getattr(g.visual, "kind", None) in ("vertex", "face") for g in scene.geometry.values())
-    if coloured:
-        part.notes.append(f"{name}: {coloured} meshes have vertex or face colours, which are left out")
+
+
+def _has_triangles(geometry: object, part: Part) -> bool:
+    if isinstance(geometry, trimesh.Trimesh):
+        return True
+    part.dropped["points and lines"] += len(getattr(geometry, "vertices", ()))
+    return False
+
+
+def _add_mesh(part: Part, geometry: trimesh.Trimesh, mesh_name: str, name: str, named: dict[str, int]) -> int | None:
+    """Add a mesh; returns its index, or None if it has no triangle with an area."""
+    material = named.get(getattr(getattr(geometry.visual, "material", None), "name", None), 0)
+    normals = geometry._cache.cache.get("vertex_normals")  # only those of the file; the property would invent some
+    uvs = getattr(geometry.visual, "uv", None)
+    if uvs is not None:
+        uvs = np.asarray(uvs, np.float64)[:, :2] * [1, -1] + [0, 1]  # v counts from the picture's last row
+    if getattr(geometry.visual, "kind", None) in ("vertex", "face"):
+        part.notes.append(f"{name}: the colours of {geometry.visual.kind} elements are left out")
+    vertices, faces = geometry.vertices.view(np.ndarray), geometry.faces.view(np.ndarray)
+    mesh = make_mesh(name, mesh_name, vertices, faces, material, part.dropped, normals, uvs)
+    if mesh is None:
+        return None
+    part.meshes.append(mesh)
+    return len(part.meshes) - 1
+
+
+def _add_ply_texture(part: Part, data: bytes, path: Path, name: str, folder: Folder) -> None:
+    """Give the default material the texture that a PLY header's comment names."""
+    header = data[: max(data.find(b"end_header"), 0)]
+    comment = re.search(rb"^comment TextureFile[ \t]+(.+?)\s*$", header, re.MULTILINE | re.IGNORECASE)
+    if comment is not None:
+        reference = comment[1].decode("utf-8", "replace")
+        file = folder.find(reference, path, f"{name}: TextureFile")
+        part.textures.append(Texture(reference, read_picture(file, f"{name}: TextureFile {reference!r}")))
+        part.materials[0] = Material("default", (1.0, 1.0, 1.0), 0)
+
+
+def _check_count(data: bytes, declaration: bytes, scene: trimesh.Scene, name: str) -> None:
+    """Refuse a file that ends early, which trimesh reads as a smaller mesh without a word."""
+    found = re.search(declaration, re.sub(rb"#.*", b"", data))
+    declared = int(found[1]) if found is not None else 0
+    read = sum(len(geometry.faces) for geometry in scene.geometry.values() if isinstance(geometry, trimesh.Trimesh))
+    if read < declared:
+        raise SceneError(f"{name}: truncated: {read} triangles, but the header says {declared} faces")
 
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-def _material_name(geometry: trimesh.Trimesh) -> str | None:
-    return getattr(getattr(geometry.visual, "material", None), "name", None)
 
 
 def _obj_materials(text: str, path: Path, name: str, folder: Folder) -> dict[str, MtlMaterial]:
@@ -118,26 +151,26 @@ def _obj_materials(text: str, path: Path, name: str, folder: Folder) -> dict[str
     return materials
 
 
-def _add_materials(part: Part, materials: dict[str, MtlMaterial], path: Path, folder: Folder) -> dict[str, int]:
+def _add_materials(part: Part, materials: dict[str, MtlMaterial], folder: Folder, name: str) -> dict[str, int]:
     """Add the materials with their textures; returns their indices by name."""
     textures: dict[tuple[Path, bool], int] = {}
-    for name, material in materials.items():
+    indices = {}
+    for key, material in materials.items():
         texture = NO_TEXTURE
-        if material.picture:
-            file = folder.find(material.picture, path, material.where)
-            key = (file, material.clamp)
-            if key not in textures:
+        if material.picture is not None:
+            file = folder.find(material.picture, material.file, material.where)
+            if (file, material.clamp) not in textures:
+                textures[file, material.clamp] = len(part.textures)
                 wrap = ("clamp", "clamp") if material.clamp else ("repeat", "repeat")
-                textures[key] = len(part.textures)
-                part.textures.append(Texture(material.picture, read_picture(file, f"{material.where}: {material.picture!r}"), wrap))
-            texture = textures[key]
-        part.materials.append(Material(name, material.base_color, texture, material.emission))
-    approximated = sum(material.approximated for material in materials.values())
-    if approximated:
-        part.notes.append(
-            f"{path.name}: {approximated} materials with transparency, metalness or mirroring are rendered as Lambertian"
-        )
-    return {name: index for index, name in enumerate(materials)}
+                pixels = read_picture(file, f"{material.where}: {material.picture!r}")
+                part.textures.append(Texture(material.picture, pixels, wrap))
+            texture = textures[file, material.clamp]
+        indices[key] = len(part.materials)
+        part.materials.append(Material(key, material.base_color, texture, material.emission))
+    count = sum(material.approximated for material in materials.values())
+    if count:
+        part.notes.append(f"{name}: {count} materials with transparency or metalness are rendered as Lambertian")
+    return indices
 
 
 def _check_obj(text: str, name: str) -> None:

@@ -21,9 +21,10 @@ _NOT_LAMBERTIAN = {"d": 1.0, "tr": 0.0, "pm": 0.0, "ni": 1.0}
 
 @dataclass
 class MtlMaterial:
-    """One `newmtl`. base_color in [0, 1]; picture: file as written, with the place that wrote it; clamp: whether its
-    coordinates are clamped; approximated: whether it is more than a Lambertian surface."""
+    """One `newmtl`. file: the MTL file. base_color: in [0, 1]. picture: file name as written, at the place `where`. clamp:
+    whether the picture's coordinates are clamped. approximated: whether it is more than a Lambertian surface."""
 
+    file: Path
     base_color: tuple[float, float, float] = (0.8, 0.8, 0.8)
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     picture: str | None = None
@@ -35,12 +36,12 @@ class MtlMaterial:
 def read_mtl(path: Path, name: str) -> dict[str, MtlMaterial]:
     """The materials of an MTL file by name. name: the file as messages call it. Raises SceneError."""
     materials: dict[str, MtlMaterial] = {}
-    current = MtlMaterial()  # statements before the first newmtl belong to no material
+    current = MtlMaterial(path)  # statements before the first newmtl belong to no material
     for number, line in enumerate(read_text(path, name).splitlines(), 1):
         key, _, rest = line.strip().partition("#")[0].strip().replace("\t", " ").partition(" ")
         key, rest, where = key.lower(), rest.strip(), f"{name}:{number}"
         if key == "newmtl":
-            current = materials.setdefault(rest, MtlMaterial())
+            current = materials.setdefault(rest, MtlMaterial(path))
         elif key == "kd":
             current.base_color = tuple(min(x, 1.0) for x in _color(rest, f"{where}: Kd"))
         elif key == "ke":

@@ -22,7 +22,9 @@ class Table(BaseModel):
     def _known_keys(cls, data: Any) -> Any:
         for key in data if isinstance(data, dict) else ():
             if key not in cls.model_fields:
-                raise PydanticCustomError("unknown_key", "{hint}", {"key": key, "hint": _hint(key, list(cls.model_fields))})
+                raise PydanticCustomError(
+                    "unknown_key", "{hint}", {"key": key, "hint": _hint(key, list(cls.model_fields))}
+                )
         return data
 
 
@@ -54,7 +56,9 @@ Direction = Annotated[Vector, AfterValidator(_direction)]
 Quaternion = Annotated[tuple[Coordinate, Coordinate, Coordinate, Coordinate], _list_of(4, "numbers")]
 Row = Annotated[tuple[Coordinate, Coordinate, Coordinate, Coordinate], _list_of(4, "numbers")]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Reflectance = Annotated[tuple[Fraction, Fraction, Fraction], _list_of(3, "numbers from 0 to 1: linear red, green, blue")]
+Reflectance = Annotated[
+    tuple[Fraction, Fraction, Fraction], _list_of(3, "numbers from 0 to 1: linear red, green, blue")
+]
 Strength = Annotated[float, Field(ge=0, le=1e30)]
 Radiance = Annotated[tuple[Strength, Strength, Strength], _list_of(3, "numbers from 0 up: linear red, green, blue")]
 Scale = Annotated[Vector, BeforeValidator(lambda v: [v] * 3 if isinstance(v, int | float) else v)]
@@ -82,7 +86,9 @@ class Placement(Table):
     @model_validator(mode="after")
     def _one_form(self) -> "Placement":
         if self.matrix and (self.translation or self.rotation or self.quaternion or self.scale):
-            raise PydanticCustomError("forms", "matrix excludes translation, rotation, quaternion and scale; expected one form")
+            raise PydanticCustomError(
+                "forms", "matrix excludes translation, rotation, quaternion and scale; expected one form"
+            )
         if self.rotation and self.quaternion:
             raise PydanticCustomError("forms", "rotation and quaternion exclude each other; expected one form")
         return self
@@ -91,7 +97,9 @@ class Placement(Table):
 class FileMesh(Table):
     """A mesh file with all that is in it."""
 
-    file: str = Field(min_length=1, description="path beside the scene file; any mesh file that clcache renders by itself")
+    file: str = Field(
+        min_length=1, description="path beside the scene file; any mesh file that clcache renders by itself"
+    )
 
 
 class Sphere(Table):
@@ -155,24 +163,29 @@ class Hairball(Table):
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
 
     def shape(self) -> generators.Shape:
-        return generators.hairball(
-            self.triangles, self.segments, self.radius, self.thickness * self.radius, self.seed
-        )
+        return generators.hairball(self.triangles, self.segments, self.radius, self.thickness * self.radius, self.seed)
+
+
+# The names of alternatives appear in the places of errors; none of them is also the name of a key.
 
 
 def _mesh_kind(table: Any) -> str | None:
     if not isinstance(table, dict):
         return None
-    return "file" if "file" in table else table.get("generator")
+    return f"{'file' if 'file' in table else table.get('generator')} mesh"
+
+
+def _light_kind(table: Any) -> str | None:
+    return f"{table.get('type')} light" if isinstance(table, dict) else None
 
 
 MeshSource = Annotated[
-    Annotated[FileMesh, Tag("file")]
-    | Annotated[Sphere, Tag("sphere")]
-    | Annotated[Box, Tag("box")]
-    | Annotated[Plane, Tag("plane")]
-    | Annotated[Grid, Tag("grid")]
-    | Annotated[Hairball, Tag("hairball")],
+    Annotated[FileMesh, Tag("file mesh")]
+    | Annotated[Sphere, Tag("sphere mesh")]
+    | Annotated[Box, Tag("box mesh")]
+    | Annotated[Plane, Tag("plane mesh")]
+    | Annotated[Grid, Tag("grid mesh")]
+    | Annotated[Hairball, Tag("hairball mesh")],
     Discriminator(
         _mesh_kind,
         custom_error_type="mesh_kind",
@@ -192,7 +205,9 @@ class MaterialTable(Table):
     """A Lambertian surface."""
 
     base_color: Reflectance = (0.8, 0.8, 0.8)
-    base_color_texture: str | None = Field(None, min_length=1, description="path of a picture; multiplied with base_color")
+    base_color_texture: str | None = Field(
+        None, min_length=1, description="path of a picture; multiplied with base_color"
+    )
     emission: Radiance = Field((0.0, 0.0, 0.0), description="W / (m^2 sr)")
 
 
@@ -213,9 +228,9 @@ class DirectionalTable(Table):
 
 
 LightTable = Annotated[
-    Annotated[PointTable, Tag("point")] | Annotated[DirectionalTable, Tag("directional")],
+    Annotated[PointTable, Tag("point light")] | Annotated[DirectionalTable, Tag("directional light")],
     Discriminator(
-        lambda table: table.get("type") if isinstance(table, dict) else None,
+        _light_kind,
         custom_error_type="light_kind",
         custom_error_message="expected type = point or directional",
     ),

@@ -25,7 +25,7 @@ def decode_picture(data: bytes, where: str) -> np.ndarray:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore")  # of large pictures and of odd metadata
             with Image.open(io.BytesIO(data)) as picture:
                 return _to_rgba8(picture)
     except Image.DecompressionBombError:
@@ -39,7 +39,9 @@ def decode_picture(data: bytes, where: str) -> np.ndarray:
 
 
 def _to_rgba8(picture: Image.Image) -> np.ndarray:
-    if picture.mode.startswith("I"):  # I;16 and its byte orders; I, in which Pillow hands out 16-bit greys of some formats
+    if picture.mode.startswith(
+        "I"
+    ):  # I;16 and its byte orders; I, in which Pillow hands out 16-bit greys of some formats
         grey = np.clip(np.asarray(picture).astype(np.float64), 0, 65535)
         return _grey_to_rgba8(np.rint(grey / 257).astype(np.uint8))
     if picture.mode == "F":

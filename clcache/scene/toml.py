@@ -170,7 +170,9 @@ def _path_in_file(data: object, location: KeyPath) -> KeyPath:
     return path
 
 
-def _add_materials(part: Part, table: schema.SceneTable, document: _Document, path: Path, folder: Folder) -> dict[str, int]:
+def _add_materials(
+    part: Part, table: schema.SceneTable, document: _Document, path: Path, folder: Folder
+) -> dict[str, int]:
     """Add the file's materials and textures; returns the materials' indices by name."""
     textures: dict[Path, int] = {}
     indices = {}
@@ -287,7 +289,9 @@ def _camera(camera: schema.CameraTable, document: _Document) -> Camera:
         pose = np.array(camera.pose)
         turn = pose[:, :3]
         if not np.allclose(turn.T @ turn, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
-            raise document.error(("camera", "pose"), "is not a rotation and a translation; expected no scale and no mirroring")
+            raise document.error(
+                ("camera", "pose"), "is not a rotation and a translation; expected no scale and no mirroring"
+            )
     else:
         pose = look_at(camera.position, camera.look_at, camera.up)
         if pose is None:

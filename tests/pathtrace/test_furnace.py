@@ -36,7 +36,7 @@ def test_furnace_has_no_shape():
 def test_roulette_is_unbiased(first):
     """Z-test of each channel's mean over all paths against the closed form; fixed seeds; |z| < 3.3 has significance 0.001.
     A relative 1e-6 is allowed for the rounding of float32 sums."""
-    albedo, bounces, spp = (0.9, 0.5, 0.2), 6, 256
+    albedo, bounces, spp = (0.9, 0.5, 0.2), 6, 128
     scene = lit(icosphere(1), camera=INSIDE, materials=[Material("m", albedo, emission=WHITE)])
     settings = {"pathtrace.roulette": first}
     pixels = image(scene, (32, 32), spp, bounces=bounces, settings=settings, seed=first).reshape(-1, 3).astype(float)

@@ -52,7 +52,9 @@ def test_directional_light(elevation):
     angle = np.radians(elevation)
     light = DirectionalLight((float(np.cos(angle)), float(-np.sin(angle)), 0.0), (3.0, 2.0, 1.0))
     color = image(scene(light), SIZE, bounces=0)
-    np.testing.assert_allclose(color, np.broadcast_to(ALBEDO / np.pi * [3, 2, 1] * np.sin(angle), color.shape), rtol=1e-5)
+    np.testing.assert_allclose(
+        color, np.broadcast_to(ALBEDO / np.pi * [3, 2, 1] * np.sin(angle), color.shape), rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,12 @@ def test_several_lights_are_chosen_evenly():
     """One of three lights for each sample: within 4.5 standard deviations of the sum, which the choice itself causes."""
     lights = [((0.5, 1.2, -0.3), 10.0), ((-1, 2, 0), 20.0), ((0, 3, 1), 30.0)]
     camera, size, spp = view((1, 3, 4), (0, 0, 0), 0.1), (4, 3), 1024  # so narrow that all of a pixel is one point
-    world = lit(floor(), camera=camera, materials=[Material("m", tuple(ALBEDO))], lights=[PointLight(p, (i,) * 3) for p, i in lights])
+    world = lit(
+        floor(),
+        camera=camera,
+        materials=[Material("m", tuple(ALBEDO))],
+        lights=[PointLight(p, (i,) * 3) for p, i in lights],
+    )
     color = image(world, size, spp, bounces=0)
     each = np.stack([point_light(on_floor(camera, size), p, (i,) * 3) for p, i in lights])
     expected = each.sum(axis=0)
@@ -163,7 +170,9 @@ def test_two_planes_facing_each_other(bounces):
     emission, albedo = 2.0, 0.5
     upper = plane((4e3, 4e3))
     mesh = replace(make_mesh(upper.positions + [0, 1, 0], upper.triangles), material=np.ones(2, np.uint32))
-    world = lit(floor(4e3), mesh, camera=view((0, 0.9, 0.5), (0, 0, 0), 30), materials=[grey(albedo), grey(albedo, emission)])
+    world = lit(
+        floor(4e3), mesh, camera=view((0, 0.9, 0.5), (0, 0, 0), 30), materials=[grey(albedo), grey(albedo, emission)]
+    )
     color = image(world, (24, 24), 16, bounces=bounces, settings={"pathtrace.roulette": 64})
     expected = emission * np.sum(albedo ** np.arange(1.0, bounces + 2, 2))
     np.testing.assert_allclose(color.mean(), expected, rtol=2e-4)

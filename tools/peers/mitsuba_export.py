@@ -14,8 +14,10 @@ What maps to what:
 
 Where the two differ by definition: a diffuse surface whose interpolated normal departs from its triangle's reflects in
 Mitsuba over the hemisphere of the former, in clcache over the part of it that is above the triangle as well. Both tend
-to the same image as meshes get finer. Mitsuba's distance kept between a surface and a ray that leaves it is about 1e-4 of
-the coordinates, and never below 1e-4 scene units: scenes much smaller than one unit do not compare.
+to the same image as meshes get finer. Mitsuba's area lights convert densities with the interpolated normal as well, so
+that what both emits and reflects on a smooth coarse mesh is a little off there; what only emits is exported flat. The
+distance that Mitsuba keeps between a surface and a ray that leaves it is about 1e-4 of the coordinates, and never below
+1e-4 scene units: scenes much smaller than one unit do not compare.
 """
 
 from collections.abc import Iterator
@@ -107,7 +109,7 @@ def _soups(scene: Scene) -> Iterator[Soup]:
     positions, normals, uvs, triangles = map(np.concatenate, (positions, normals, uvs, triangles))
     material = np.concatenate(materials).astype(np.int64)
     is_lamp = np.array([any(m.emission) and not any(m.base_color) for m in scene.materials])
-    # What only emits needs no normals; Mitsuba would convert its lights' densities with them.
+    # What only emits needs no normals.
     is_smooth = (normals[triangles] != 0).any(axis=2).all(axis=1) & ~is_lamp[material]
     is_textured = np.array([m.base_color_texture != NO_TEXTURE for m in scene.materials])
     for key in np.unique(2 * material + is_smooth):
@@ -156,7 +158,9 @@ def _base_color(scene: Scene, material: Material) -> dict:
         return _rgb(material.base_color)
     texture = scene.textures[material.base_color_texture]
     if texture.wrap[0] != texture.wrap[1]:
-        raise SceneError(f"{scene.file}: texture {texture.name}: wraps {texture.wrap}; Mitsuba has one mode for both axes")
+        raise SceneError(
+            f"{scene.file}: texture {texture.name}: wraps {texture.wrap}; Mitsuba has one mode for both axes"
+        )
     table = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
     linear = table[texture.pixels[..., :3]] * np.asarray(material.base_color, np.float32)
     return {

@@ -74,10 +74,11 @@ __kernel void surface(
     ng = dot3(ng, direction) > 0.0f ? -ng : ng;
     float3 ns = ng;
 #if HAS_NORMALS
-    float3 smooth = interpolate(load_row(normals, a), load_row(normals, b), load_row(normals, c), u, v);
-    smooth = normalize3(transform_normal(instance.to_object, smooth));
+    float3 na = load_row(normals, a), nb = load_row(normals, b), nc = load_row(normals, c);
+    float3 smooth = normalize3(transform_normal(instance.to_object, interpolate(na, nb, nc, u, v)));
     smooth = dot3(smooth, ng) < 0.0f ? -smooth : smooth;
-    ns = dot3(smooth, smooth) > 0.5f ? smooth : ng;
+    bool is_smooth = fmin(dot3(na, na), fmin(dot3(nb, nb), dot3(nc, nc))) > 0.0f;  // a row of zeros: a flat triangle
+    ns = is_smooth && dot3(smooth, smooth) > 0.5f ? smooth : ng;
 #endif
     store_planes(point, n, i, world_point);
     store_planes(geometric_normal, n, i, ng);
