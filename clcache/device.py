@@ -105,8 +105,8 @@ class Device:
         largest = max(sizes, key=sizes.__getitem__, default=None)
         if self.allocated + total > limits.global_memory:
             raise DeviceError(
-                f"{what} needs {_gib(total)} beside the {_gib(self.allocated)} already taken, most of it for {largest} "
-                f"({_gib(sizes[largest])}); device {self.name} has {_gib(limits.global_memory)}"
+                f"{what} needs {_gib(total)} beside the {_gib(self.allocated)} already taken (the largest array is "
+                f"{largest}, {_gib(sizes[largest])}); device {self.name} has {_gib(limits.global_memory)}"
             )
         if largest is not None and sizes[largest] > limits.max_allocation:
             raise DeviceError(

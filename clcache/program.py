@@ -16,6 +16,7 @@ kernel whose scalars are all 0 therefore does nothing; that is how it is compile
 
 import re
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,7 +76,9 @@ def read_source(name: str) -> str:
             include = _INCLUDE.match(line)
             if include is None:
                 lines.append(line)
-            elif include[1] not in seen:
+            elif include[1] in seen:
+                lines.append("")
+            else:
                 lines += [*expand(include[1]), f'#line {number + 1} "{file}"']
         return lines
 
@@ -148,6 +151,8 @@ class Kernel:
                     _unify(sizes, argument.name, int(bound[-1]), place)
             else:
                 bound.append(_as_buffer(place, argument, value, sizes))
+                if bound[-1] is not None and value.context != self._queue.context:
+                    raise ValueError(f"{place} is an array of another device")
         return bound
 
 
@@ -206,7 +211,9 @@ class Program:
         text += layout.source() + read_source(name)
         start = time.perf_counter()
         try:
-            built = cl.Program(context, text).build(options)
+            with warnings.catch_warnings():  # drivers that have something to say of every build
+                warnings.simplefilter("ignore", cl.CompilerWarning)
+                built = cl.Program(context, text).build(options)
         except cl.Error as error:
             failure = DeviceError(f"{name}: the driver cannot build it: {_first_line(error)}")
             failure.add_note(str(error))

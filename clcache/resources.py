@@ -19,7 +19,7 @@ class SceneResources:
 
     def __init__(self, device: Device, scene: Scene):
         geometry = Geometry.of(scene)
-        is_textured = any(m.base_color_texture != NO_TEXTURE for m in scene.materials) and geometry.uvs is not None
+        is_textured = any(m.base_color_texture != NO_TEXTURE for m in scene.materials)
         self.features = {
             "HAS_NORMALS": geometry.normals is not None,
             "HAS_TEXTURES": is_textured,
@@ -35,7 +35,7 @@ class SceneResources:
         self.lights = device.upload(_light_records(scene), "lights") if scene.lights else None
         self.uvs = self.textures = self.texels = self.srgb = None
         if is_textured:
-            self.uvs = device.upload(geometry.uvs, "texture coordinates")
+            self.uvs = device.upload(_uvs(geometry), "texture coordinates")
             self.textures = device.upload(_texture_records(scene), "textures")
             self.texels = device.upload(_texels(scene), "texels")
             self.srgb = device.upload(srgb_to_linear(np.arange(256) / 255).astype(np.float32), "sRGB table")
@@ -55,6 +55,11 @@ class SceneResources:
         t = self.trees
         geometry = (t.positions, t.triangles, self.material, self.normals, self.uvs, t.instances)
         return *geometry, self.materials, self.textures, self.texels, self.srgb
+
+
+def _uvs(geometry: Geometry) -> np.ndarray:
+    """Texture coordinates; (0, 0) where a mesh has none."""
+    return np.zeros((len(geometry.positions), 2), np.float32) if geometry.uvs is None else geometry.uvs
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:

@@ -108,7 +108,7 @@ class ExactHits:
     plane, and float32 finds it within `error`: moving the corners by delta moves the plane, where it meets the ray, by
     at most delta (1 + tan), tan that of the angle of incidence; and rounding the three weights, which are products of
     the corners' distances p from the ray, moves the point in the plane by a few units of roundoff of p0 p1 p2 / area.
-    `nearest`, `farthest`: the corners' range along the ray.
+    `nearest`, `farthest`: the corners' range along the axis that is longest in the ray's direction, in units of t.
     """
 
     t: np.ndarray
@@ -155,8 +155,12 @@ def exact_hits(
     has_area = area > 1e-10 * (edge * edge).sum(-1).max(axis=-1)  # seen along the ray; else float64 has no t either
     error = np.where(has_area & np.isfinite(error), error, np.inf)
     certain = inside & (distance > delta) & np.isfinite(error)
-    reach = (delta + 4 * UNIT_ROUNDOFF * np.abs(depth).max(axis=-1)) / speed
-    nearest, farthest = depth.min(axis=-1) / speed - reach, depth.max(axis=-1) / speed + reach
+    axis = np.argmax(np.abs(d), axis=1)[:, None, None, None]
+    ahead = np.take_along_axis(offset, np.broadcast_to(axis, (*offset.shape[:3], 1)), axis=3)[..., 0] / np.take_along_axis(
+        d, axis[:, :, 0, 0], axis=1
+    )[:, :, None]
+    reach = delta / speed + 4 * UNIT_ROUNDOFF * np.abs(ahead).max(axis=-1)
+    nearest, farthest = ahead.min(axis=-1) - reach, ahead.max(axis=-1) + reach
     return ExactHits(t, error, certain, inside | (distance <= delta), nearest, farthest)
 
 

@@ -173,7 +173,7 @@ def test_an_image_that_no_memory_holds_is_refused_before_anything_of_it_is_alloc
     monkeypatch.setattr(device_module.Device, "empty", lambda self, *a, **k: taken.append(a[2]) or empty(self, *a, **k))
     scene = lit(floor(), camera=view((0, 1, 3), (0, 0, 0)), environment=WHITE)
     with pytest.raises(
-        DeviceError, match=r"the frame needs \d\.\d\d GiB beside the 0\.0 MiB already taken, .* has 64\.0 MiB"
+        DeviceError, match=r"the frame needs \d\.\d\d GiB beside the 0\.0 MiB already taken .*; device .* has 64\.0 MiB"
     ) as caught:
         Renderer(scene, size=(4000, 4000))
     assert "\n" not in str(caught.value)

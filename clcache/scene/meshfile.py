@@ -54,7 +54,8 @@ def load_mesh_file(path: Path, name: str, folder: Folder) -> Part:
     part = Part(materials=[Material("default")])
     named: dict[str, int] = {}
     if kind == "obj":
-        text = data.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
+        text = _plain_obj(data.decode("utf-8", "replace"))
+        data = text.encode()
         _check_obj(text, name)
         named = _add_materials(part, _obj_materials(text, path, name, folder), folder, name)
     elif kind == "ply":
@@ -171,6 +172,13 @@ def _add_materials(part: Part, materials: dict[str, MtlMaterial], folder: Folder
     if count:
         part.notes.append(f"{name}: {count} materials with transparency or metalness are rendered as Lambertian")
     return indices
+
+
+def _plain_obj(text: str) -> str:
+    """The text as trimesh wants it: no continued lines, no indentation, no comments behind numbers."""
+    text = re.sub(r"\\\r?\n", " ", text)
+    text = re.sub(r"^[ \t]+", "", text, flags=re.MULTILINE)
+    return re.sub(r"^((?:v|vt|vn|f)[ \t][^#\n]*)#.*$", r"\1", text, flags=re.MULTILINE)
 
 
 def _check_obj(text: str, name: str) -> None:

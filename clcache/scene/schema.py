@@ -248,7 +248,7 @@ class CameraTable(Table):
 
     position: Vector | None = None
     look_at: Vector | None = Field(None, description="the point in the middle of the picture")
-    up: Vector = Field((0.0, 1.0, 0.0), description="with look_at: the direction that is upwards in the picture")
+    up: Direction = Field((0.0, 1.0, 0.0), description="with look_at: the direction that is upwards in the picture")
     pose: Annotated[tuple[Row, Row, Row], _list_of(3, "rows of 4 numbers")] | None = Field(
         None, description="3 rows of 4 numbers, camera to world, without scale"
     )

@@ -15,8 +15,8 @@ CAMERA = view((1, 3, 4), (0, 0, 0))
 ALBEDO = np.array([0.8, 0.5, 0.2])
 
 
-def scene(*lights, meshes=(floor(),), **options):
-    return lit(*meshes, camera=CAMERA, materials=[Material("m", tuple(ALBEDO))], lights=lights, **options)
+def scene(*lights):
+    return lit(floor(), camera=CAMERA, materials=[Material("m", tuple(ALBEDO))], lights=lights)
 
 
 def point_light(points, position, intensity):

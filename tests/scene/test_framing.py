@@ -131,6 +131,32 @@ def test_a_box_with_one_open_side_is_seen_through_it(tmp_path, side, direction):
     assert np.abs(places).max() <= 0.95 and places[:, 1].max() > 0.85
 
 
+def test_a_yard_with_low_walls_under_a_mast_is_no_room(tmp_path):
+    yard = room(8, 2, 8, open_sides="+y")
+    assert any("stands inside" in note for note in load(tmp_path, yard).notes)
+    mast = box("mast", [0.2, 20, 0.2], [3.5, 10, 3.5])
+    assert any("stands outside" in note for note in load(tmp_path, yard + mast).notes)
+
+
+def test_of_a_large_scene_a_share_is_looked_at_with_the_largest_triangles(tmp_path, monkeypatch):
+    fine = '[meshes.g]\ngenerator = "grid"\ncells = [40, 40]\n'
+    copies = "".join(f'[[instances]]\nmesh = "g"\ntranslation = [{n}, 0, 0]\n' for n in range(50))
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    ball.vertices[np.unique(ball.faces[7])] *= 3  # makes some triangles larger than all others
+    ball.export(tmp_path / "ball.ply")
+    text = fine + copies + '[meshes.ball]\nfile = "ball.ply"\n[[instances]]\nmesh = "ball"\n'
+    scene = load(tmp_path, text)
+    part = Part(meshes=list(scene.meshes), instances=list(scene.instances))
+    assert len(_gather(part).corners) == scene.triangle_count == 50 * 3200 + 1280
+    monkeypatch.setattr("clcache.scene.framing._MOST_TRIANGLES", 10_000)
+    world = _gather(part)
+    assert 5_000 < len(world.corners) < 12_000
+    assert len(np.unique(world.instance)) == 51
+    corners = world.corners[world.instance == 50]
+    kept = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    assert np.isclose(kept.max() * world.size**2, ball.area_faces.max(), rtol=1e-3)
+
+
 def test_a_solid_box_is_no_room(tmp_path):
     assert any("stands outside" in n for n in load(tmp_path, box("a", [4, 3, 12], [0, 0, 0])).notes)
 

@@ -30,6 +30,15 @@ def test_area_is_judged_alike_at_every_scale(scale):
     assert not has_area(on_a_line.reshape(-1, 3), triangles).any()
 
 
+def test_a_line_is_one_where_even_float64_rounds():
+    rng = np.random.default_rng(1)
+    far = 2.0**34 + rng.integers(0, 2**20, (200, 1)) * 2.0**14
+    near = 1 + rng.integers(0, 2**20, (200, 2)) * 2.0**-20
+    corners = np.hstack([far, near])[:, :, None] * [1, 3, 5]
+    assert np.array_equal(np.float32(corners), corners)
+    assert not has_area(np.float32(corners).reshape(-1, 3), np.arange(600).reshape(-1, 3)).any()
+
+
 @given(
     hnp.arrays(np.float32, 3, elements=st.floats(-1e6, 1e6, width=32)),
     hnp.arrays(np.float32, 3, elements=st.floats(-1e6, 1e6, width=32)),

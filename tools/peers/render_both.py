@@ -103,9 +103,10 @@ def _set_llvm_variant(mi: ModuleType, dr: ModuleType) -> None:
     except ImportError:
         found = ()
     if not found or found[0] < LEAST_LLVM:
+        version = ".".join(map(str, found)) or "missing or too old"
         raise Error(
-            f"Mitsuba's LLVM variant: libLLVM {'.'.join(map(str, found or ('that works: none',)))}; expected {LEAST_LLVM} or newer, "
-            f"such as by apt-get install libllvm{LEAST_LLVM}"
+            f"Mitsuba's LLVM variant: libLLVM is {version}; expected {LEAST_LLVM} or newer, such as by "
+            f"apt-get install libllvm{LEAST_LLVM}"
         )
 
 

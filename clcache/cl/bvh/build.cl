@@ -238,18 +238,17 @@ __kernel void hierarchy(
     uint first = min((int)i, other), last = max((int)i, other);
     uint split = (int)i + before_split * direction + min(direction, 0);
 
-    Node node;
+    __global Node *node = nodes + i;
     for (uint side = 0; side < 2; side++) {
         uint begin = side ? split + 1 : first, end = side ? last : split, count = end - begin + 1;
         Box box = range_bounds(pyramid, entries, n, begin, end);
-        float *low = node.low + 3 * side, *high = node.high + 3 * side;
+        __global float *low = node->low + 3 * side, *high = node->high + 3 * side;
         low[0] = box.low.x, low[1] = box.low.y, low[2] = box.low.z;
         high[0] = box.high.x, high[1] = box.high.y, high[2] = box.high.z;
         bool leaf = count <= leaf_size;
-        node.count[side] = leaf ? count : 0;
-        node.child[side] = leaf ? begin : (side ? split + 1 : split);
+        node->count[side] = leaf ? count : 0;
+        node->child[side] = leaf ? begin : (side ? split + 1 : split);
     }
-    nodes[i] = node;
 
     uint own = segment[order[first]];
     if (segment_begins[own] == first && segment_begins[own + 1] == last + 1) roots[own] = i;

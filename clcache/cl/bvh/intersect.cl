@@ -91,7 +91,7 @@ inline bool intersect_triangle(const Ray *ray, float3 v0, float3 v1, float3 v2, 
     if ((weight0 < 0.0f || weight1 < 0.0f || weight2 < 0.0f) && (weight0 > 0.0f || weight1 > 0.0f || weight2 > 0.0f))
         return false;
     float determinant = weight0 + weight1 + weight2;
-    if (fabs(determinant) < FLT_MIN) return false;  // seen edge-on: what is left is rounding, too little of it for a t
+    if (determinant == 0.0f) return false;
     float depth = weight0 * (ray->shear.z * a.z) + weight1 * (ray->shear.z * b.z) + weight2 * (ray->shear.z * c.z);
     float t = depth / determinant;
     bool nearer = t < hit->t;

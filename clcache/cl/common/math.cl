@@ -54,7 +54,7 @@ inline float max_component(float3 v)
 }
 
 // sin and cos of 2 pi u for u in [0, 1]: u is reduced, exactly, to a quarter turn about the nearest multiple of it, and
-// polynomials (minimax on +-pi/4) are evaluated there. Absolute error below 1.2e-7 (2 ulp of 1), tested over all of [0, 1].
+// polynomials (minimax on +-pi/4) are evaluated there. Absolute error below 1.07e-7 for all multiples of 2^-24.
 inline void sincos_turns(float u, float *sine, float *cosine)
 {
     float quarter = floor(4.0f * u + 0.5f);

@@ -11,8 +11,6 @@
 #include "pathtrace/dimensions.cl"
 #include "common/math.cl"
 
-#define SURVIVAL_LIMIT 0.95f  // a path without loss between mirrors of albedo 1 must end too
-
 // Unit vectors that make a right-handed frame with the unit vector n (Duff et al. 2017, JCGT 6(1)).
 inline void make_frame(float3 n, float3 *tangent, float3 *bitangent)
 {
@@ -90,7 +88,7 @@ __kernel void shade(
 #endif
 
     float3 next = sample_cosine(ns, random.x, random.y);
-    float survival = vertex + 1 >= roulette ? fmin(max_component(reflected), SURVIVAL_LIMIT) : 1.0f;
+    float survival = vertex + 1 >= roulette ? fmin(max_component(reflected), 1.0f) : 1.0f;
     bool goes_on = !is_last && dot3(ng, next) > 0.0f && max_component(reflected) > 0.0f && random.z < survival;
     store_planes(ray_direction, n, i, next);
     store_planes(throughput, n, i, reflected / survival);

@@ -12,7 +12,7 @@
 
 // Bounds, in units of the numbers' size: interpolation and intersection within the object; either transform.
 #define OBJECT_ERROR (3.0f * UNIT_ROUNDOFF)
-#define TRANSFORM_ERROR (2.0f * UNIT_ROUNDOFF)
+#define TRANSFORM_ERROR (5.0f * UNIT_ROUNDOFF)
 
 inline float3 interpolate(float3 a, float3 b, float3 c, float u, float v)
 {

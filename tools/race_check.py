@@ -1,0 +1,186 @@
+"""Run kernels under Oclgrind, a simulator that reports data races, accesses out of bounds, and uninitialised values.
+
+    python tools/race_check.py            every case
+    python tools/race_check.py CASE ...   some: trees, render, ...
+
+Each case runs in a process of its own, on scenes of a few dozen triangles and rays, for the simulator is slow. Exit code: 0
+if it reports nothing, 1 if it reports something (printed), 2 if Oclgrind or a case is missing.
+
+Oclgrind (Debian package `oclgrind`) is found by its command. The loader is shown its driver and no other; the
+command's own way, a library loaded ahead of all others, does not reach the loader that PyOpenCL's wheels bring.
+
+The cases `racy`, `outside` and `uninitialised` hold one defect each, and are left out unless named: they show that
+reports arrive. Oclgrind takes compare-and-exchange for synchronisation, and so passes over races beside it.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+TIME_LIMIT = 300  # seconds for a case; the slowest takes about 20
+REPORT = re.compile(
+    r"(data race at|Invalid (?:read|write) of size|Uninitialized (?:value|address)|Invalid memory|OpenCL API|"
+    r"Work-item failed|divergence|not aligned)",
+    re.IGNORECASE,
+)
+
+
+def driver() -> Path | None:
+    """Oclgrind's library for OpenCL loaders, if it is installed."""
+    command = shutil.which("oclgrind")
+    if command is None:
+        return None
+    found = sorted(Path(command).resolve().parent.parent.glob("lib*/**/liboclgrind-rt-icd.so"))
+    return found[0] if found else None
+
+
+def run(case: str) -> tuple[list[str], str]:
+    """Run a case under Oclgrind in a child process: its reports, a line each, and all that it printed.
+
+    Raises RuntimeError if the case itself failed.
+    """
+    environment = {
+        **os.environ,
+        "OCL_ICD_VENDORS": str(driver()),
+        "OCLGRIND_CHECK_API": "1",
+        "OCLGRIND_DATA_RACES": "1",
+        "OCLGRIND_UNINITIALIZED": "1",
+        "PYOPENCL_NO_CACHE": "1",
+        "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")])),
+    }
+    environment.pop("CLCACHE_DEVICE", None)
+    command = [sys.executable, __file__, "--here", case]
+    child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT)
+    output = child.stdout + child.stderr
+    reports = [line.strip() for line in output.splitlines() if REPORT.search(line)]
+    if not reports and (child.returncode or f"{case} is done" not in child.stdout):
+        raise RuntimeError(f"case {case} failed under Oclgrind:\n{output}")
+    return reports, output
+
+
+def _grid(n: int, height: float):
+    """A wavy sheet of 2 n^2 triangles."""
+    import numpy as np
+
+    x, z = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
+    positions = np.column_stack([x.ravel(), height + 0.2 * np.sin(3 * x.ravel() * z.ravel()), z.ravel()])
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).reshape(-1, 1)
+    triangles = np.vstack([first + [0, n + 1, n + 2], first + [0, n + 2, 1]])
+    return positions.astype(np.float32), triangles.astype(np.uint32)
+
+
+def _scene(**changes: object):
+    """A sheet, a smaller sheet placed twice, and a mesh of a single triangle: trees, leaves as roots, and instances."""
+    import numpy as np
+
+    from clcache.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Scene
+
+    lamp = (np.float32([[-0.3, 1.5, 0], [0.3, 1.5, 0], [0, 1.5, 0.3]]), np.uint32([[0, 1, 2]]))
+    shapes = [_grid(4, 0.0), _grid(2, 0.5), lamp]
+    meshes = tuple(Mesh(f"mesh {k}", p, t, np.full(len(t), k == 2, np.uint32)) for k, (p, t) in enumerate(shapes))
+    aside = np.column_stack([0.5 * np.eye(3), [0.4, 0.2, 0.1]])
+    camera = Camera(np.column_stack([np.eye(3), [0, 0.5, 3]]), 0.9)
+    scene = {
+        "file": "race_check",
+        "meshes": meshes,
+        "instances": (Instance("a", 0), Instance("b", 1), Instance("c", 1, aside), Instance("lamp", 2)),
+        "materials": (Material("grey"), Material("lamp", emission=(5.0, 5.0, 5.0))),
+        "textures": (),
+        "lights": (PointLight((0.0, 2.0, 0.0), (3.0, 3.0, 3.0)), DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0))),
+        "environment": (0.5, 0.6, 0.7),
+        "camera": camera,
+    }
+    return Scene(**{**scene, **changes})
+
+
+def trees() -> None:
+    """Build the trees of a scene (cl/bvh/build.cl), and trace 30 rays both ways (cl/bvh/trace.cl)."""
+    import numpy as np
+
+    from clcache.bvh import MISS, Tracer
+    from clcache.device import Device
+
+    tracer = Tracer(_scene(), Device("oclgrind", local_size=8))
+    rng = np.random.default_rng(1)
+    origins = rng.uniform(-1, 1, (30, 3)) + [0, 2, 0]
+    directions = rng.uniform(-1, 1, (30, 3)) - origins
+    hits = tracer.closest_hit(origins, directions, t_max=0.8)
+    occluded = tracer.any_hit(origins, directions, t_max=0.8)
+    assert 5 < np.count_nonzero(occluded) < 30
+    assert np.array_equal(occluded, hits["instance"] != MISS)
+
+
+def render() -> None:
+    """Path trace 4 x 3 pixels (cl/pathtrace, cl/scene): lights, emission, two bounces, both eyes."""
+    from clcache.renderer import Renderer
+
+    settings = {"pathtrace.bounces": 2, "device.local_size": 8}
+    options = {"size": (4, 3), "spp": 1, "stereo": True, "aovs": ("albedo", "N", "Z"), "device": "oclgrind"}
+    renderer = Renderer(_scene(), settings=settings, **options)
+    (frame,) = renderer.frames(0, 1)
+    assert all(0 < color.mean() < 100 for color in frame.color.values())
+
+
+def _defect(source: str, elements: int, fill: bool = True) -> None:
+    import numpy as np
+    import pyopencl as cl
+
+    context = cl.create_some_context(interactive=False)
+    queue = cl.CommandQueue(context)
+    program = cl.Program(context, f"__kernel void defect(__global uint *x) {{ uint i = get_global_id(0); {source} }}").build()
+    buffer = cl.Buffer(context, cl.mem_flags.READ_WRITE, 4 * elements)
+    if fill:
+        cl.enqueue_copy(queue, buffer, np.zeros(elements, np.uint32))
+    cl.Kernel(program, "defect")(queue, (8,), (4,), buffer)
+    queue.finish()
+
+
+def racy() -> None:
+    """A defect: all work-items write different values to one place."""
+    _defect("x[0] = i;", 8)
+
+
+def outside() -> None:
+    """A defect: the last work-item writes beyond the end."""
+    _defect("x[i + 1] = i;", 8)
+
+
+def uninitialised() -> None:
+    """A defect: a value that nothing wrote decides a branch."""
+    _defect("if (x[i] > 3) x[i] = 1;", 8, fill=False)
+
+
+CASES: dict[str, Callable[[], None]] = {f.__name__: f for f in (trees, render)}
+DEFECTS: dict[str, Callable[[], None]] = {f.__name__: f for f in (racy, outside, uninitialised)}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the named cases, or all; the exit code."""
+    known = {**CASES, **DEFECTS}
+    if arguments[:1] == ["--here"]:
+        known[arguments[1]]()
+        print(f"{arguments[1]} is done")
+        return 0
+    if unknown := [a for a in arguments if a not in known]:
+        print(f"unknown case {unknown[0]}; expected some of {', '.join(known)}", file=sys.stderr)
+        return 2
+    if driver() is None:
+        print("Oclgrind is not installed; expected the Debian package oclgrind", file=sys.stderr)
+        return 2
+    found = False
+    for case in arguments or CASES:
+        reports, output = run(case)
+        print(f"{case}: {len(reports)} reports")
+        if reports:
+            found = True
+            print(output)
+    return int(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
