@@ -132,7 +132,7 @@ def test_a_box_with_one_open_side_is_seen_through_it(tmp_path, side, direction):
 
 
 def test_a_yard_with_low_walls_under_a_mast_is_no_room(tmp_path):
-    yard = room(8, 2, 8, open_sides="+y")
+    yard = room(8, 8, 8, open_sides="+y")
     assert any("stands inside" in note for note in load(tmp_path, yard).notes)
     mast = box("mast", [0.2, 20, 0.2], [3.5, 10, 3.5])
     assert any("stands outside" in note for note in load(tmp_path, yard + mast).notes)

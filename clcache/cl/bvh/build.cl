@@ -31,10 +31,10 @@ inline void store_box(__global float *boxes, uint n, uint i, Box box)
     store_planes(boxes + 3 * (size_t)n, n, i, box.high);
 }
 
-inline Box join(Box a, Box b)
+inline void extend(Box *box, Box other)
 {
-    Box box = { fmin(a.low, b.low), fmax(a.high, b.high) };
-    return box;
+    box->low = fmin(box->low, other.low);
+    box->high = fmax(box->high, other.high);
 }
 
 // One work-item per triangle. `triangles` index `positions` directly.
@@ -64,6 +64,13 @@ inline ulong spread_bits(ulong v)
     return v;
 }
 
+// The cell, of `cells` between from and to, that the middle of low .. high lies in; 0 where there is no extent.
+inline ulong cell_index(float low, float high, float from, float to, float cells)
+{
+    float place = (0.5f * low + 0.5f * high - from) / (to - from);
+    return to > from ? (ulong)clamp(floor(place * cells), 0.0f, cells - 1.0f) : 0;
+}
+
 // One work-item per box. `axis_bits` (at most 21) are spent on each axis of the Morton code.
 __kernel void morton_keys(
     __global const float *boxes,           // (6, n)
@@ -79,12 +86,9 @@ __kernel void morton_keys(
     if (i >= n) return;
     Box box = load_box(boxes, n, i), bounds = load_box(segment_bounds, segments, segment[i]);
     float cells = (float)(1u << axis_bits);
-    float3 extent = bounds.high - bounds.low;
-    float3 place = (0.5f * box.low + 0.5f * box.high - bounds.low) / extent;  // NaN on an axis without extent
-    float3 cell = clamp(floor(place * cells), 0.0f, cells - 1.0f);
-    ulong x = extent.x > 0.0f ? (ulong)cell.x : 0;
-    ulong y = extent.y > 0.0f ? (ulong)cell.y : 0;
-    ulong z = extent.z > 0.0f ? (ulong)cell.z : 0;
+    ulong x = cell_index(box.low.x, box.high.x, bounds.low.x, bounds.high.x, cells);
+    ulong y = cell_index(box.low.y, box.high.y, bounds.low.y, bounds.high.y, cells);
+    ulong z = cell_index(box.low.z, box.high.z, bounds.low.z, bounds.high.z, cells);
     ulong morton = spread_bits(x) << 2 | spread_bits(y) << 1 | spread_bits(z);
     keys[i] = (ulong)segment[i] << (3 * axis_bits) | morton;
     order[i] = i;
@@ -173,7 +177,7 @@ __kernel void bounds_level(
     uint i = get_global_id(0);
     if (2 * i >= below) return;
     Box box = load_box(pyramid, entries, from + 2 * i);
-    if (2 * i + 1 < below) box = join(box, load_box(pyramid, entries, from + 2 * i + 1));
+    if (2 * i + 1 < below) extend(&box, load_box(pyramid, entries, from + 2 * i + 1));
     store_box(pyramid, entries, to + i, box);
 }
 
@@ -184,8 +188,8 @@ inline Box range_bounds(__global const float *pyramid, uint entries, uint n, uin
     uint level = 0, size = n;
     uint begin = first, end = last + 1;
     while (begin < end) {
-        if (begin & 1) box = join(box, load_box(pyramid, entries, level + begin++));
-        if (end & 1) box = join(box, load_box(pyramid, entries, level + --end));
+        if (begin & 1) extend(&box, load_box(pyramid, entries, level + begin++));
+        if (end & 1) extend(&box, load_box(pyramid, entries, level + --end));
         begin >>= 1;
         end >>= 1;
         level += size;
