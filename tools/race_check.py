@@ -11,6 +11,10 @@ command's own way, a library loaded ahead of all others, does not reach the load
 
 The cases `racy`, `outside` and `uninitialised` hold one defect each, and are left out unless named: they show that
 reports arrive. Oclgrind takes compare-and-exchange for synchronisation, and so passes over races beside it.
+
+Its search for uninitialised values (version 21.10) has faults of its own, which `suit_oclgrind` goes round: it fails on what
+the compiler's optimiser makes (loops over float3, `freeze`), takes a new buffer for the released one whose number
+it has, and does not see that a fill initialises.
 """
 
 import os
@@ -22,12 +26,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-TIME_LIMIT = 300  # seconds for a case; the slowest takes about 20
-REPORT = re.compile(
-    r"(data race at|Invalid (?:read|write) of size|Uninitialized (?:value|address)|Invalid memory|OpenCL API|"
-    r"Work-item failed|divergence|not aligned)",
-    re.IGNORECASE,
-)
+TIME_LIMIT = 300  # seconds for a case; the slowest takes about 5
+
+# A report is a line and what is indented below it.
+REPORT = re.compile(r"^\S.*\n(?:\t.*\n)+", re.MULTILINE)
+# PyOpenCL asks devices for properties of vendors' extensions, and takes a refusal for an answer.
+HARMLESS = "Function: clGetDeviceInfo"
 
 
 def driver() -> Path | None:
@@ -39,8 +43,8 @@ def driver() -> Path | None:
     return found[0] if found else None
 
 
-def run(case: str) -> tuple[list[str], str]:
-    """Run a case under Oclgrind in a child process: its reports, a line each, and all that it printed.
+def run(case: str) -> list[str]:
+    """Run a case under Oclgrind in a child process: its reports, each of several lines.
 
     Raises RuntimeError if the case itself failed.
     """
@@ -50,17 +54,36 @@ def run(case: str) -> tuple[list[str], str]:
         "OCLGRIND_CHECK_API": "1",
         "OCLGRIND_DATA_RACES": "1",
         "OCLGRIND_UNINITIALIZED": "1",
+        "PYOPENCL_BUILD_OPTIONS": "-cl-opt-disable",
         "PYOPENCL_NO_CACHE": "1",
         "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")])),
     }
     environment.pop("CLCACHE_DEVICE", None)
     command = [sys.executable, __file__, "--here", case]
     child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT)
-    output = child.stdout + child.stderr
-    reports = [line.strip() for line in output.splitlines() if REPORT.search(line)]
-    if not reports and (child.returncode or f"{case} is done" not in child.stdout):
-        raise RuntimeError(f"case {case} failed under Oclgrind:\n{output}")
-    return reports, output
+    reports = [r for r in REPORT.findall(child.stderr) if HARMLESS not in r]
+    if child.returncode or f"{case} is done" not in child.stdout:
+        raise RuntimeError(f"case {case} failed under Oclgrind:\n{child.stdout}{child.stderr}")
+    return reports
+
+
+def suit_oclgrind() -> None:
+    """Keep every buffer until the process ends, and fill buffers by copies."""
+    import numpy as np
+    import pyopencl as cl
+
+    from clcache.device import Device
+
+    kept, empty = [], Device.empty
+
+    def keep(device: Device, *arguments: object):
+        kept.append(empty(device, *arguments))
+        return kept[-1]
+
+    def fill(queue: cl.CommandQueue, buffer: cl.Buffer, pattern: np.generic, offset: int, size: int) -> cl.Event:
+        return cl.enqueue_copy(queue, buffer, np.full(size // pattern.nbytes, pattern), dst_offset=offset)
+
+    Device.empty, Device.release, cl.enqueue_fill_buffer = keep, lambda device, *arrays: None, fill
 
 
 def _grid(n: int, height: float):
@@ -163,6 +186,7 @@ def main(arguments: list[str]) -> int:
     """Run the named cases, or all; the exit code."""
     known = {**CASES, **DEFECTS}
     if arguments[:1] == ["--here"]:
+        suit_oclgrind()
         known[arguments[1]]()
         print(f"{arguments[1]} is done")
         return 0
@@ -174,11 +198,9 @@ def main(arguments: list[str]) -> int:
         return 2
     found = False
     for case in arguments or CASES:
-        reports, output = run(case)
-        print(f"{case}: {len(reports)} reports")
-        if reports:
-            found = True
-            print(output)
+        reports = run(case)
+        print(f"{case}: {len(reports)} reports", *reports, sep="\n")
+        found = found or bool(reports)
     return int(found)
 
 

@@ -42,6 +42,7 @@ _HIGH_UP = 0.85  # where in a gap without a ceiling the walls must still be
 # How many places are looked around from, how many of the views from there are judged, and with how many rays.
 _PLACES, _VIEWS, _HEADINGS, _RAYS = 6, 12, 16, (9, 5)
 _CHUNK = 1500  # triangles cast against at once: products of matrices so small do not wait for threads
+_BRIGHTEST = 8.0  # times the default light, for a camera that sees the sky through a narrow opening
 _STEP_BACK = 0.9  # of the free distance behind a place, for the camera to stand there
 
 Strength = tuple[float, float, float]
@@ -397,7 +398,8 @@ def _outside(triangles: np.ndarray, low: np.ndarray, high: np.ndarray, aspect: f
 
 
 def _light(world: _World, camera: Camera, notes: list[str]) -> tuple[PointLight | DirectionalLight, Strength]:
-    """A sun over the camera's shoulder and an even sky; a lamp above the camera where neither reaches it."""
+    """A sun over the camera's shoulder and an even sky, the brighter the less of the sky is open above the camera; a lamp
+    above it where neither reaches it."""
     eye = world.from_metres(camera).transform[:, 3]
     distance = _cast(world, np.arange(len(world.corners)), eye, _upward_directions())[0]
     if np.isinf(distance).any():
@@ -405,7 +407,9 @@ def _light(world: _World, camera: Camera, notes: list[str]) -> tuple[PointLight 
         right, back = camera.transform[:, 0], camera.transform[:, 2]
         direction = np.array([0.0, -1.0, 0.0]) + 0.4 * _level(-back) + 0.25 * _level(right)
         direction /= np.linalg.norm(direction)
-        return DirectionalLight(tuple(direction.tolist()), (3.0, 3.0, 3.0)), (0.5, 0.5, 0.5)
+        strength = min(1 / np.isinf(distance).mean(), _BRIGHTEST)
+        sun, sky = 3.0 * math.sqrt(strength), 0.5 * strength  # it is the sky that reaches the shade
+        return DirectionalLight(tuple(direction.tolist()), (sun,) * 3), (sky,) * 3
     notes.append("no light in the file, and no sky in view: a lamp above the camera was added")
     ahead = float(np.median(_look(world, world.from_metres(camera), 1.0)[0]))
     reach = ahead if math.isfinite(ahead) else float(distance.mean())
