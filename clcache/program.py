@@ -128,7 +128,9 @@ class Kernel:
     def warm_up(self) -> None:
         """Have the driver compile the kernel for its work-group size, without doing any work."""
         arguments = self.signature.arguments
-        self._enqueue([np.zeros((), a.dtype)[()] if a.shape is None else None for a in arguments], self.local_size).wait()
+        self._enqueue(
+            [np.zeros((), a.dtype)[()] if a.shape is None else None for a in arguments], self.local_size
+        ).wait()
 
     def _enqueue(self, values: list[object], global_size: int) -> cl.Event:
         try:

@@ -120,7 +120,11 @@ class ExactHits:
 
 
 def exact_hits(
-    origins: np.ndarray, directions: np.ndarray, corners: np.ndarray, roundoffs: float = 8.0, slack: np.ndarray | float = 0.0
+    origins: np.ndarray,
+    directions: np.ndarray,
+    corners: np.ndarray,
+    roundoffs: float = 8.0,
+    slack: np.ndarray | float = 0.0,
 ) -> ExactHits:
     """Every ray against every triangle. origins, directions: (n, 3); corners: (m, 3, 3) or (n, m, 3, 3).
 
@@ -156,15 +160,18 @@ def exact_hits(
     error = np.where(has_area & np.isfinite(error), error, np.inf)
     certain = inside & (distance > delta) & np.isfinite(error)
     axis = np.argmax(np.abs(d), axis=1)[:, None, None, None]
-    ahead = np.take_along_axis(offset, np.broadcast_to(axis, (*offset.shape[:3], 1)), axis=3)[..., 0] / np.take_along_axis(
-        d, axis[:, :, 0, 0], axis=1
-    )[:, :, None]
+    ahead = (
+        np.take_along_axis(offset, np.broadcast_to(axis, (*offset.shape[:3], 1)), axis=3)[..., 0]
+        / np.take_along_axis(d, axis[:, :, 0, 0], axis=1)[:, :, None]
+    )
     reach = delta / speed + 4 * UNIT_ROUNDOFF * np.abs(ahead).max(axis=-1)
     nearest, farthest = ahead.min(axis=-1) - reach, ahead.max(axis=-1) + reach
     return ExactHits(t, error, certain, inside | (distance <= delta), nearest, farthest)
 
 
-def wrong_hits(exact: ExactHits, hits: np.ndarray, primitive: np.ndarray, t_min: float = 0.0, t_max: float = np.inf) -> np.ndarray:
+def wrong_hits(
+    exact: ExactHits, hits: np.ndarray, primitive: np.ndarray, t_min: float = 0.0, t_max: float = np.inf
+) -> np.ndarray:
     """(n,) bool: which of these hits no rounding explains. primitive: the hit's column in `exact`, or MISS."""
     rays, t = np.arange(len(hits)), hits["t"].astype(np.float64)
     missed = primitive == MISS
@@ -214,7 +221,11 @@ class WorldTriangles:
         self, hits: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_min: float = 0.0, t_max: float = np.inf
     ) -> np.ndarray:
         """(n,) bool: which of these hits no rounding explains; all pairs of rays and triangles are evaluated."""
-        far = np.linalg.norm(np.asarray(origins, np.float64), axis=1)[:, None] + np.abs(self.corners).max(axis=(1, 2)) + self.offset
+        far = (
+            np.linalg.norm(np.asarray(origins, np.float64), axis=1)[:, None]
+            + np.abs(self.corners).max(axis=(1, 2))
+            + self.offset
+        )
         exact = exact_hits(origins, directions, self.corners, slack=16 * UNIT_ROUNDOFF * self.spread * far)
         missed = hits["instance"] == MISS
         place = np.where(missed, MISS, self.first[np.where(missed, 0, hits["instance"])] + hits["primitive"])

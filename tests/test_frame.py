@@ -62,7 +62,9 @@ def names(passes):
 
 
 def graph(passes, buffers, outputs, **kwargs):
-    return FrameGraph(NoDevice(), passes, [b if isinstance(b, Buffer) else Buffer(b, (4,)) for b in buffers], outputs, **kwargs)
+    return FrameGraph(
+        NoDevice(), passes, [b if isinstance(b, Buffer) else Buffer(b, (4,)) for b in buffers], outputs, **kwargs
+    )
 
 
 def run(graph, **state):
@@ -135,7 +137,12 @@ def test_a_reader_is_not_overtaken_by_a_later_writer_that_waits_for_nothing():
 
 
 def test_a_pass_that_changes_a_buffer_comes_after_its_writer():
-    passes = [Note("init", [], ["sum"]), Note("add", ["sum", "x"], ["sum"]), Note("x", [], ["x"]), Note("use", ["sum"], ["out"])]
+    passes = [
+        Note("init", [], ["sum"]),
+        Note("add", ["sum", "x"], ["sum"]),
+        Note("x", [], ["x"]),
+        Note("use", ["sum"], ["out"]),
+    ]
     assert names(order(passes)) == ["init", "x", "add", "use"]
 
 
@@ -206,9 +213,15 @@ def test_memory_is_checked_before_anything_is_allocated(monkeypatch):
 
 def test_the_message_says_what_would_be_needed(device):
     half = device.capabilities.global_memory // 8
-    passes, buffers = [Note("all", [], ["a", "b", "huge"])], [Buffer("a", (half,)), Buffer("b", (4,)), Buffer("huge", (half + 8,))]
+    passes, buffers = (
+        [Note("all", [], ["a", "b", "huge"])],
+        [Buffer("a", (half,)), Buffer("b", (4,)), Buffer("huge", (half + 8,))],
+    )
     before = device.allocated
-    with pytest.raises(DeviceError, match=r"the frame needs \d+\.\d\d GiB .*the largest array is huge, \d+\.\d\d GiB\); device .* has \d+"):
+    with pytest.raises(
+        DeviceError,
+        match=r"the frame needs \d+\.\d\d GiB .*the largest array is huge, \d+\.\d\d GiB\); device .* has \d+",
+    ):
         FrameGraph(device, passes, buffers, ["a"])
     assert device.allocated == before
 
@@ -226,7 +239,11 @@ def test_release_gives_everything_back_once():
 
 
 def test_a_repetition_runs_its_passes_in_turn():
-    passes = [Note("start", [], ["sum"]), repeat([Note("a", [], ["x"]), Note("b", ["x", "sum"], ["sum"])]), Note("end", ["sum"], ["out"])]
+    passes = [
+        Note("start", [], ["sum"]),
+        repeat([Note("a", [], ["x"]), Note("b", ["x", "sum"], ["sum"])]),
+        Note("end", ["sum"], ["out"]),
+    ]
     frame = graph(passes, ["sum", "x", "out"], ["out"])
     assert run(frame, times=3) == ["start", "a0", "b0", "a1", "b1", "a2", "b2", "end"]
     assert run(frame, times=0) == ["start", "end"]
@@ -246,9 +263,20 @@ def test_a_repetition_leaves_out_passes_that_nobody_needs():
 
 
 def test_repetitions_within_repetitions():
-    inner = Repeat("inner", [Note("a", ["s"], ["s"])], count=lambda s: 2, advance=lambda s, i: replace(s, index=10 * s.index + i))
+    inner = Repeat(
+        "inner", [Note("a", ["s"], ["s"])], count=lambda s: 2, advance=lambda s, i: replace(s, index=10 * s.index + i)
+    )
     outer = repeat([Note("clear", [], ["s"]), inner, Note("sum", ["s"], ["out"])])
-    assert run(graph([outer], ["s", "out"], ["out"]), times=2) == ["clear0", "a0", "a1", "sum0", "clear1", "a10", "a11", "sum1"]
+    assert run(graph([outer], ["s", "out"], ["out"]), times=2) == [
+        "clear0",
+        "a0",
+        "a1",
+        "sum0",
+        "clear1",
+        "a10",
+        "a11",
+        "sum1",
+    ]
 
 
 def test_progress_goes_to_one():
@@ -324,7 +352,9 @@ def test_seconds_are_those_of_every_pass(device, counting):
 def test_long_repetitions_time_all_launches(device, counting):
     """More launches than events are kept."""
     repeated = Repeat("often", counting[:1], count=lambda s: 700, advance=lambda s, i: s)
-    frame = FrameGraph(device, [repeated, counting[1]], [Buffer("total", (4,), persistent=True), Buffer("out", (4,))], ["out"])
+    frame = FrameGraph(
+        device, [repeated, counting[1]], [Buffer("total", (4,), persistent=True), Buffer("out", (4,))], ["out"]
+    )
     seconds = frame.run(None)
     np.testing.assert_array_equal(frame.arrays["out"].get(), np.full(4, 700))
     assert set(seconds) == {"count_up", "copy"}

@@ -115,7 +115,10 @@ def test_signatures_are_read():
         ("camera", STRUCTS["Camera"], None, False),
         ("key", np.uint64, None, False),
     ]
-    assert [(a.name, a.dtype, a.shape) for a in second.arguments] == [("bytes", np.uint8, ("*",)), ("n", np.uint32, None)]
+    assert [(a.name, a.dtype, a.shape) for a in second.arguments] == [
+        ("bytes", np.uint8, ("*",)),
+        ("n", np.uint32, None),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,9 @@ def test_every_bit_of_seed_and_frame_changes_half_of_the_key(bit):
         return low | high << 32
 
     for changed in ((1 << bit, 0), (0, 1 << bit)):
-        flipped = [(word(s, f) ^ word(s ^ changed[0], f ^ changed[1])).bit_count() for s in range(20) for f in range(20)]
+        flipped = [
+            (word(s, f) ^ word(s ^ changed[0], f ^ changed[1])).bit_count() for s in range(20) for f in range(20)
+        ]
         assert abs(np.mean(flipped) - 32) < 4 * 4 / np.sqrt(len(flipped))  # four standard errors, each flip 4 bits
 
 

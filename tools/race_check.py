@@ -155,7 +155,9 @@ def _defect(source: str, elements: int, fill: bool = True) -> None:
 
     context = cl.create_some_context(interactive=False)
     queue = cl.CommandQueue(context)
-    program = cl.Program(context, f"__kernel void defect(__global uint *x) {{ uint i = get_global_id(0); {source} }}").build()
+    program = cl.Program(
+        context, f"__kernel void defect(__global uint *x) {{ uint i = get_global_id(0); {source} }}"
+    ).build()
     buffer = cl.Buffer(context, cl.mem_flags.READ_WRITE, 4 * elements)
     if fill:
         cl.enqueue_copy(queue, buffer, np.zeros(elements, np.uint32))

@@ -42,7 +42,15 @@ class SceneTrees:
         n = len(geometry.triangles)
         begins = geometry.first_triangle
         segment = np.repeat(np.arange(len(begins) - 1, dtype=np.uint32), np.diff(begins))
-        bytes_each = {"boxes": 24, "pyramid of boxes": 48, "segments": 4, "keys": 16, "order": 8, "nodes": 64, "leaves": 48}
+        bytes_each = {
+            "boxes": 24,
+            "pyramid of boxes": 48,
+            "segments": 4,
+            "keys": 16,
+            "order": 8,
+            "nodes": 64,
+            "leaves": 48,
+        }
         device.check_fits("the build of the trees", {name: n * size for name, size in bytes_each.items()})
 
         positions = device.upload(geometry.positions, "positions")
@@ -65,7 +73,9 @@ class SceneTrees:
     @property
     def nbytes(self) -> int:
         """What the trees take on the device, in bytes; without the vertices and triangles that shading reads."""
-        return sum(a.nbytes for a in (self.nodes, self.leaves, self.top_nodes, self.top_order, self.instances, self.bounds))
+        return sum(
+            a.nbytes for a in (self.nodes, self.leaves, self.top_nodes, self.top_order, self.instances, self.bounds)
+        )
 
     def _build_top(self) -> None:
         device, geometry = self._device, self._geometry

@@ -32,7 +32,9 @@ class RayKernels:
         """Enqueue: origins, directions (3, n); t_mins, lengths (n,); hits t (n,), uv (2, n), primitive, instance (n,)."""
         n = lengths.shape[0]
         rays = (origins, directions, t_mins, lengths)
-        return self._program["closest_hit"](*self._scene(), *rays, *hits, self._instances, self._trees.top_root, n, count=n)
+        return self._program["closest_hit"](
+            *self._scene(), *rays, *hits, self._instances, self._trees.top_root, n, count=n
+        )
 
     def any_hit(
         self,
@@ -45,7 +47,9 @@ class RayKernels:
         """Enqueue: rays as for `closest_hit`; occluded (n,) uint8."""
         n = lengths.shape[0]
         rays = (origins, directions, t_mins, lengths)
-        return self._program["any_hit"](*self._scene(), *rays, occluded, self._instances, self._trees.top_root, n, count=n)
+        return self._program["any_hit"](
+            *self._scene(), *rays, occluded, self._instances, self._trees.top_root, n, count=n
+        )
 
     @property
     def _instances(self) -> int:

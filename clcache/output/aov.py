@@ -24,6 +24,10 @@ AOVS: dict[str, Aov] = {
             "linear Rec. 709 albedo of the first hit; 0 where nothing was hit",
         ),
         Aov("N", ("N.X", "N.Y", "N.Z"), "unit shading normal of the first hit, world space; 0 where nothing was hit"),
-        Aov("Z", ("Z",), "planar depth along the viewing axis of the nearest first hit, metres; +inf where nothing was hit"),
+        Aov(
+            "Z",
+            ("Z",),
+            "planar depth along the viewing axis of the nearest first hit, metres; +inf where nothing was hit",
+        ),
     )
 }

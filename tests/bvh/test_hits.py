@@ -168,7 +168,9 @@ def test_thousands_of_instances(device):
     scene = make_scene(cube(), instances=[(0, np.column_stack([np.eye(3), p])) for p in places])
     rng = np.random.default_rng(6)
     row = rng.integers(256, size=2000)
-    origins = (places[16 * row] + np.column_stack([rng.uniform(-0.9, 0.9, (2000, 2)), np.full(2000, -10.0)])).astype(np.float32)
+    origins = (places[16 * row] + np.column_stack([rng.uniform(-0.9, 0.9, (2000, 2)), np.full(2000, -10.0)])).astype(
+        np.float32
+    )
     hits = Tracer(scene, device).closest_hit(origins, np.tile(np.float32([0, 0, 1]), (2000, 1)))
     np.testing.assert_array_equal(hits["instance"], 16 * row)
     np.testing.assert_allclose(hits["t"], 9, rtol=2e-7)
@@ -224,7 +226,9 @@ def test_a_miss(device):
 
 @pytest.mark.parametrize("t_max", [np.inf, 1.0, 0.5])
 def test_any_hit_agrees_with_closest_hit(device, t_max):
-    scene = make_scene(soup(300, 2, 0.2), cube(), instances=[(0, IDENTITY), (1, np.column_stack([0.2 * np.eye(3), [2, 0, 0]]))])
+    scene = make_scene(
+        soup(300, 2, 0.2), cube(), instances=[(0, IDENTITY), (1, np.column_stack([0.2 * np.eye(3), [2, 0, 0]]))]
+    )
     tracer = Tracer(scene, device)
     origins, directions = cube_rays(20_000, 8)
     t_min = np.random.default_rng(9).uniform(0, 0.3, 20_000).astype(np.float32)
@@ -252,7 +256,9 @@ def test_ties_go_to_the_lowest_instance_then_primitive(device):
     hits = Tracer(scene, device).closest_hit(origins, directions)
     assert (hits["instance"] == 0).all()
     assert (hits["primitive"] == first_copy[used[0]]).all()
-    later = Tracer(make_scene(*meshes, instances=[(m, IDENTITY) for m in used[1:]]), device).closest_hit(origins, directions)
+    later = Tracer(make_scene(*meshes, instances=[(m, IDENTITY) for m in used[1:]]), device).closest_hit(
+        origins, directions
+    )
     assert (later["instance"] == 0).all()
     assert (later["primitive"] == first_copy[used[1]]).all()
 
@@ -266,7 +272,9 @@ def test_hits_do_not_depend_on_the_order_of_triangles(device):
     hits = Tracer(make_scene(mesh), device).closest_hit(origins, targets)
     for _ in range(3):
         shuffle = rng.permutation(12)
-        again = Tracer(make_scene(make_mesh(mesh.positions, mesh.triangles[shuffle])), device).closest_hit(origins, targets)
+        again = Tracer(make_scene(make_mesh(mesh.positions, mesh.triangles[shuffle])), device).closest_hit(
+            origins, targets
+        )
         np.testing.assert_array_equal(again["t"], hits["t"])
         tied = shuffle[again["primitive"]] != hits["primitive"]
         assert (tied == (np.argsort(shuffle)[hits["primitive"]] > again["primitive"])).all()

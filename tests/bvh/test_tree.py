@@ -124,7 +124,9 @@ def test_tree_of_instances(device, count):
 
 def test_boxes_of_instances_hold_what_float32_makes_of_their_corners():
     rng = np.random.default_rng(3)
-    matrices = [np.column_stack([rng.normal(size=(3, 3)), 10.0 ** rng.uniform(-3, 6) * rng.normal(size=3)]) for _ in range(200)]
+    matrices = [
+        np.column_stack([rng.normal(size=(3, 3)), 10.0 ** rng.uniform(-3, 6) * rng.normal(size=3)]) for _ in range(200)
+    ]
     geometry = Geometry.of(make_scene(blob(1), instances=[(0, m) for m in [*matrices, IDENTITY]]))
     low, high = instance_bounds(geometry)
     points = geometry.positions

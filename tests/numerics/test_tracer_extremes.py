@@ -37,7 +37,9 @@ def rays_to(scene, n, seed):
 @pytest.mark.parametrize("offset", [0.0, 1e3])
 def test_scales(device, scale, offset):
     """Distances in units of the scene's scale; at 1,000 times its size from the origin float32 leaves it 1e-4 of itself."""
-    scene = make_scene(moved(soup(60, 1, 0.3), scale, [offset * scale] * 3), moved(blob(1), scale, [offset * scale] * 3))
+    scene = make_scene(
+        moved(soup(60, 1, 0.3), scale, [offset * scale] * 3), moved(blob(1), scale, [offset * scale] * 3)
+    )
     origins, directions = rays_to(scene, 2000, 2)
     hits = Tracer(scene, device).closest_hit(origins, directions)
     assert np.count_nonzero(hits["instance"] != MISS) > 1000
@@ -50,7 +52,9 @@ def test_powers_of_two_change_nothing(device, power):
     mesh, scale = soup(200, 3), 2.0**power
     origins, directions = rays_to(make_scene(mesh), 3000, 4)
     plain = Tracer(make_scene(mesh), device).closest_hit(origins, directions)
-    scaled = Tracer(make_scene(moved(mesh, scale)), device).closest_hit(origins * np.float32(scale), directions * np.float32(scale))
+    scaled = Tracer(make_scene(moved(mesh, scale)), device).closest_hit(
+        origins * np.float32(scale), directions * np.float32(scale)
+    )
     assert plain.tobytes() == scaled.tobytes()
 
 
