@@ -23,6 +23,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -97,28 +98,34 @@ def _grid(n: int, height: float):
     return positions.astype(np.float32), triangles.astype(np.uint32)
 
 
-def _scene(**changes: object):
-    """A sheet, a smaller sheet placed twice, and a mesh of a single triangle: trees, leaves as roots, and instances."""
+def _scene():
+    """A sheet with normals and a texture, a smaller one placed twice, and a mesh of a single triangle."""
     import numpy as np
 
-    from clcache.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Scene
+    from clcache.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Scene, Texture
 
     lamp = (np.float32([[-0.3, 1.5, 0], [0.3, 1.5, 0], [0, 1.5, 0.3]]), np.uint32([[0, 1, 2]]))
     shapes = [_grid(4, 0.0), _grid(2, 0.5), lamp]
-    meshes = tuple(Mesh(f"mesh {k}", p, t, np.full(len(t), k == 2, np.uint32)) for k, (p, t) in enumerate(shapes))
+    materials = Material("checked", base_color_texture=0), Material("grey"), Material("lamp", emission=(5.0, 5.0, 5.0))
+    meshes = [
+        Mesh(m.name, p, t, np.full(len(t), k, np.uint32))
+        for k, (m, (p, t)) in enumerate(zip(materials, shapes, strict=True))
+    ]
+    up = np.tile(np.float32([0, 1, 0]), (len(meshes[0].positions), 1))
+    meshes[0] = replace(meshes[0], normals=up, uvs=3 * meshes[0].positions[:, [0, 2]])
+    pixels = np.random.default_rng(2).integers(0, 256, (3, 2, 4), dtype=np.uint8)
     aside = np.column_stack([0.5 * np.eye(3), [0.4, 0.2, 0.1]])
     camera = Camera(np.column_stack([np.eye(3), [0, 0.5, 3]]), 0.9)
-    scene = {
-        "file": "race_check",
-        "meshes": meshes,
-        "instances": (Instance("a", 0), Instance("b", 1), Instance("c", 1, aside), Instance("lamp", 2)),
-        "materials": (Material("grey"), Material("lamp", emission=(5.0, 5.0, 5.0))),
-        "textures": (),
-        "lights": (PointLight((0.0, 2.0, 0.0), (3.0, 3.0, 3.0)), DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0))),
-        "environment": (0.5, 0.6, 0.7),
-        "camera": camera,
-    }
-    return Scene(**{**scene, **changes})
+    return Scene(
+        file="race_check",
+        meshes=tuple(meshes),
+        instances=(Instance("a", 0), Instance("b", 1), Instance("c", 1, aside), Instance("lamp", 2)),
+        materials=materials,
+        textures=(Texture("noise", pixels, ("repeat", "mirror")),),
+        lights=(PointLight((0.0, 2.0, 0.0), (3.0, 3.0, 3.0)), DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0))),
+        environment=(0.5, 0.6, 0.7),
+        camera=camera,
+    )
 
 
 def trees() -> None:

@@ -64,6 +64,7 @@ def walk(nodes, root, root_count):
             else:
                 inner.append(child)
                 below += zip(nodes["child"][child].tolist(), nodes["count"][child].tolist(), strict=True)
+        assert len(inner) <= len(nodes)  # else nodes are their own descendants
         depth += bool(below)
         level = below
     return leaves, depth, inner
@@ -127,7 +128,7 @@ def test_boxes_of_instances_hold_what_float32_makes_of_their_corners():
     matrices = [
         np.column_stack([rng.normal(size=(3, 3)), 10.0 ** rng.uniform(-3, 6) * rng.normal(size=3)]) for _ in range(200)
     ]
-    geometry = Geometry.of(make_scene(blob(1), instances=[(0, m) for m in [*matrices, IDENTITY]]))
+    geometry = Geometry.of(make_scene(cube(), instances=[(0, m) for m in [*matrices, IDENTITY]]))
     low, high = instance_bounds(geometry)
     points = geometry.positions
     world = np.einsum("ijk,vk->ivj", geometry.to_world[:, :, :3], points) + geometry.to_world[:, None, :, 3]
