@@ -20,7 +20,8 @@ STRUCTS: dict[str, np.dtype] = {
     # a leaf of `count` primitives, `child` the place of the first in the tree's order.
     "Node": _struct(("low", "f4", 6), ("high", "f4", 6), ("child", "u4", 2), ("count", "u4", 2)),
     # A placed mesh: its transforms (3x4, row-major), object-space bounds, the root of its tree as a child is named in
-    # Node, and where its triangles begin among those of all meshes.
+    # Node, and where its triangles begin among those of all meshes. `number`: which of the scene's instances it is; NONE
+    # if it stands for several, whose triangles then say so themselves.
     "Instance": _struct(
         ("to_world", "f4", 12),
         ("to_object", "f4", 12),
@@ -29,13 +30,51 @@ STRUCTS: dict[str, np.dtype] = {
         ("root", "u4"),
         ("root_count", "u4"),
         ("first_triangle", "u4"),
+        ("number", "u4"),
     ),
-    # `texture` is an index into the textures, or -1.
-    "Material": _struct(("base_color", "f4", 3), ("texture", "i4"), ("emission", "f4", 3)),
-    # Where a picture's texels begin among those of all pictures. `wrap` of u and v: 0 repeat, 1 clamp, 2 mirror.
-    "Texture": _struct(("first_texel", "u4"), ("width", "u4"), ("height", "u4"), ("wrap", "u4", 2)),
-    # `vector` is the position of a point light (kind 0), the direction towards a directional one (kind 1).
-    "Light": _struct(("vector", "f4", 3), ("kind", "u4"), ("power", "f4", 3)),
+    # A surface (`scene.model.Material`). The maps are indices of TextureUse, or -1. `emitter_density` is the chance per
+    # square metre that a sample of the lights falls on it.
+    "Material": _struct(
+        ("base_color", "f4", 3),
+        ("alpha", "f4"),
+        ("alpha_cutoff", "f4"),
+        ("metallic", "f4"),
+        ("roughness", "f4"),
+        ("specular", "f4"),
+        ("specular_color", "f4", 3),
+        ("ior", "f4"),
+        ("transmission", "f4"),
+        ("thin", "u4"),
+        ("emission", "f4", 3),
+        ("normal_scale", "f4"),
+        ("double_sided", "u4"),
+        ("emitter_density", "f4"),
+        ("base_color_map", "i4"),
+        ("metallic_roughness_map", "i4"),
+        ("emission_map", "i4"),
+        ("normal_map", "i4"),
+    ),
+    # A texture as a material uses it; `transform`: 2x3, row-major, of texture coordinates.
+    "TextureUse": _struct(("texture", "u4"), ("transform", "f4", 6)),
+    # Where a picture's texels begin among those of all pictures; its mip levels follow each other, each half as wide and
+    # high, rounded down, but at least 1. `wrap` of u and v: 0 repeat, 1 clamp, 2 mirror.
+    "Texture": _struct(
+        ("first_texel", "u4"), ("width", "u4"), ("height", "u4"), ("levels", "u4"), ("wrap", "u4", 2), ("srgb", "u4")
+    ),
+    # Something that is sampled for direct light. `kind`: 0 point or spot, 1 directional, 2 triangle, 3 environment.
+    # A triangle is named by instance and primitive. `direction`: of a spot's axis; towards a directional light. `power`:
+    # intensity or irradiance. `cone`: a spot's intensity is clamp(cosine * cone[0] + cone[1]) squared; a point's cone is 0, 1.
+    "Emitter": _struct(
+        ("kind", "u4"),
+        ("instance", "u4"),
+        ("primitive", "u4"),
+        ("position", "f4", 3),
+        ("direction", "f4", 3),
+        ("power", "f4", 3),
+        ("cone", "f4", 2),
+    ),
+    # The environment's picture, the chance that a sample of the lights is taken from it, and whether it is of one colour.
+    "Environment": _struct(("width", "u4"), ("height", "u4"), ("chance", "f4")),
 }
 
 

@@ -125,6 +125,17 @@ class Kernel:
             return None
         return self._enqueue(bound, -(-count // self.local_size) * self.local_size)
 
+    def run(self, count: int, *arrays: Mapping[str, object], **scalars: object) -> cl.Event | None:
+        """Enqueue with each argument found by its name: among the scalars, else in the first of the tables of arrays that
+        has it; one that may be null and is in none of them is null. Raises as a call does."""
+        values = []
+        for argument in self.signature.arguments:
+            known = next((table for table in (scalars, *arrays) if argument.name in table), None)
+            if known is None and not argument.nullable:
+                raise TypeError(f"kernel {self.signature.name}: argument {argument.name} is missing")
+            values.append(None if known is None else known[argument.name])
+        return self(*values, count=count)
+
     def warm_up(self) -> None:
         """Have the driver compile the kernel for its work-group size, without doing any work."""
         arguments = self.signature.arguments

@@ -1,5 +1,6 @@
 """Render frames: a scene, a method and a device, tied together."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,9 +18,14 @@ from .output.aov import AOVS
 from .random import stream_key
 from .resources import SceneResources
 from .scene.model import Camera, Scene
+from .scene.motion import pose_at
+from .scene.transform import rigid
 from .version import __version__
 
 DEFAULT_SPP = 16
+# With a goal for the error: samples of the first round, and the most that are taken where nothing else is said.
+_FIRST_ROUND = 16
+_UNTIL_SPP = 65536
 MAX_PIXELS = 2**30  # kernels count elements of three planes in 32 bits
 
 
@@ -46,7 +52,9 @@ class Renderer:
 
     scene: what `load_scene` returns. method: one of METHODS. size: width, height in pixels. stereo: two eyes. seed: of all
     random numbers, 0 .. 2^64 - 1. spp: samples for each pixel. settings: dotted name -> value. device: index, or part of
-    the platform's or device's name. threads: compute units to use. aovs: names of AOVS. on_compile: called with a
+    the platform's or device's name. threads: compute units to use. aovs: names of AOVS. until_relmse: take samples until the
+    error that the pixels' variance lets expect (mean of variance / (colour^2 + 0.01)) is below this, `spp` being the most;
+    the estimate counts samples as independent, and so is too high for a low-discrepancy sampler. on_compile: called with a
     program's name before it is built. What is None is as the scene says, else the default. The device's memory is
     checked before anything is allocated. Raises SettingError, DeviceError.
     """
@@ -63,6 +71,7 @@ class Renderer:
         device: str | int | None = None,
         threads: int | None = None,
         aovs: Sequence[str] = (),
+        until_relmse: float | None = None,
         on_compile: Callable[[str], None] | None = None,
     ):
         defaults = scene.defaults
@@ -70,7 +79,13 @@ class Renderer:
         self.method = _first(method, defaults.method, "pathtrace")
         self.size = _checked_size(_first(size, defaults.size))
         self.seed = _checked("seed", _first(seed, defaults.seed, 0), 0, 2**64 - 1)
-        self.spp = _checked("spp", _first(spp, defaults.spp, DEFAULT_SPP), 1, 2**31 - 1)
+        self.until_relmse = until_relmse
+        if until_relmse is None:
+            spp = _first(spp, defaults.spp, DEFAULT_SPP)
+        elif not until_relmse > 0:
+            raise SettingError(f"until_relmse {until_relmse}: expected a number above 0")
+        # One sample says nothing of the variance.
+        self.spp = _checked("spp", _first(spp, _UNTIL_SPP), 1 if until_relmse is None else 2, 2**31 - 1)
         self.eyes = ("left", "right") if _first(stereo, defaults.stereo) else ("mono",)
         self.settings = settings_module.resolve(defaults.settings, settings or {})
         self.aovs = _checked_aovs(aovs)
@@ -81,7 +96,8 @@ class Renderer:
         self._resources = SceneResources(self.device, scene)
         setup = MethodSetup(self.device, self._resources, self.size, self.settings)
         parts = METHODS[self.method](setup)
-        outputs = ("color", "ray_counts", *(f"aov_{name}" for name in self.aovs))
+        outputs = {"color", "ray_counts", *(f"aov_{name}" for name in self.aovs)}
+        outputs |= {"aov_variance"} if until_relmse is not None else set()
         self._graph = FrameGraph(self.device, parts.passes, parts.buffers, outputs)
         self._render_seconds = 0.0
 
@@ -136,28 +152,50 @@ class Renderer:
     def _render(self, number: int, progress: Callable[[float], None] | None) -> Frame:
         start = time.perf_counter()
         color, aovs, cameras, stats = {}, {}, {}, {}
+        seconds = number / self.scene.defaults.fps
+        self._resources.set_time(seconds)
         for index, eye in enumerate(self.eyes):
-            cameras[eye] = self._eye_camera(index)
+            cameras[eye] = self._eye_camera(index, seconds)
             state = PathState(_camera_record(cameras[eye], self.size), stream_key(self.seed, number), self.spp)
             part = None if progress is None else lambda p, index=index: progress((index + p) / len(self.eyes))
             try:
-                seconds = self._graph.run(state, part)
+                passes, sampling = self._sample(state, part)
             except cl.Error as error:
                 raise DeviceError(f"frame {number}: the device failed: {error}") from error
             color[eye] = self._image("color")
             aovs[eye] = {name: self._image(f"aov_{name}") for name in self.aovs}
-            stats[eye] = {"passes": dict(seconds), "rays": self._ray_counts(), "cache": {}}
+            stats[eye] = {"passes": passes, "rays": self._ray_counts(sampling["spp"]), "cache": {}, **sampling}
         elapsed = time.perf_counter() - start
         self._render_seconds += elapsed
         return Frame(number, color, cameras, {"frame": number, "seconds": elapsed, "eyes": stats}, aovs)
 
-    def _eye_camera(self, index: int) -> Camera:
-        """The camera, moved along its x axis to the eye's place; eyes look in parallel."""
+    def _sample(self, state: PathState, progress: Callable[[float], None] | None) -> tuple[dict[str, float], dict]:
+        """Run the graph for all samples, or in rounds until the error is small enough: seconds by pass, and what there is to
+        say of the sampling."""
+        if self.until_relmse is None:
+            return dict(self._graph.run(state, progress)), {"spp": state.samples}
+        seconds: dict[str, float] = {}
+        samples = min(_FIRST_ROUND, self.spp)
+        begin, reached = 0, 0.0  # reached: the part of the way to the goal, the error being in proportion to 1 / samples
+        while True:
+            expected = min(reached * samples / begin, 1.0) if begin else 0.0
+            part = progress and (lambda p, a=reached, b=expected: progress(a + p * (b - a)))
+            for name, value in self._graph.run(replace(state, begin=begin, samples=samples), part).items():
+                seconds[name] = seconds.get(name, 0.0) + value
+            error = _estimated_relmse(self._image("color"), self._image("aov_variance"))
+            reached = min(self.until_relmse / error, 1.0) if error else 1.0
+            if error <= self.until_relmse or samples >= self.spp:
+                return seconds, {"spp": samples, "estimated_relmse": error if math.isfinite(error) else None}
+            growth = min(max(error / self.until_relmse, 1.25), 2.0)
+            begin, samples = samples, min(math.ceil(samples * growth), self.spp)
+
+    def _eye_camera(self, index: int, seconds: float) -> Camera:
+        """The camera at a time, moved along its x axis to the eye's place; eyes look in parallel."""
         camera = self.scene.camera
         aside = (index - 0.5) * self.scene.defaults.eye_distance if len(self.eyes) == 2 else 0.0
-        transform = np.array(camera.transform, np.float64)
+        transform = rigid(pose_at(camera.motion, seconds)) if camera.motion else np.array(camera.transform, np.float64)
         transform[:, 3] += aside * transform[:, 0]
-        return replace(camera, transform=transform)
+        return replace(camera, transform=transform, motion=())
 
     def _image(self, buffer: str) -> np.ndarray:
         """A buffer of planes as (H, W) or (H, W, 3) float32."""
@@ -167,9 +205,17 @@ class Renderer:
             return planes.reshape(height, width)
         return np.ascontiguousarray(planes.reshape(-1, height, width).transpose(1, 2, 0))
 
-    def _ray_counts(self) -> dict[str, int]:
+    def _ray_counts(self, spp: int) -> dict[str, int]:
         secondary, shadow = self._graph.arrays["ray_counts"].get().sum(axis=1, dtype=np.int64)
-        return {"primary": self.size[0] * self.size[1] * self.spp, "secondary": int(secondary), "shadow": int(shadow)}
+        return {"primary": self.size[0] * self.size[1] * spp, "secondary": int(secondary), "shadow": int(shadow)}
+
+
+def _estimated_relmse(color: np.ndarray, variance: np.ndarray) -> float:
+    """What relMSE against the true image is expected to be, the pixels' means standing in for the truth; infinite where a
+    pixel is not finite."""
+    with np.errstate(invalid="ignore"):
+        error = float(np.mean(variance / (color.astype(np.float64) ** 2 + 0.01)))
+    return math.inf if math.isnan(error) else error
 
 
 def _camera_record(camera: Camera, size: tuple[int, int]) -> np.void:

@@ -3,12 +3,14 @@
 import numpy as np
 import pyopencl.array as cl_array
 
-from .bvh.build import SceneTrees
+from .bvh.build import SceneTrees, instance_records
 from .bvh.tracer import RayKernels
 from .device import Device
 from .layout import STRUCTS
+from .scene.emitters import Emitters, picture_shares
 from .scene.geometry import Geometry
-from .scene.model import NO_TEXTURE, WRAP_MODES, PointLight, Scene
+from .scene.model import WRAP_MODES, Scene, TextureUse
+from .scene.textures import mip_chain, srgb_to_linear
 
 
 class SceneResources:
@@ -18,43 +20,93 @@ class SceneResources:
     """
 
     def __init__(self, device: Device, scene: Scene):
-        geometry = Geometry.of(scene)
-        is_textured = any(m.base_color_texture != NO_TEXTURE for m in scene.materials)
-        self.features = {
-            "HAS_NORMALS": geometry.normals is not None,
-            "HAS_TEXTURES": is_textured,
-            "HAS_LIGHTS": bool(scene.lights),
-            "HAS_EMISSION": any(scene.environment) or any(any(m.emission) for m in scene.materials),
-        }
-        self.environment = scene.environment
-        self.trees = SceneTrees(device, geometry)
-        self.rays = RayKernels(device, self.trees)
-        self.material = device.upload(geometry.material, "material of each triangle")
-        self.materials = device.upload(_material_records(scene), "materials")
-        self.normals = device.upload(geometry.normals, "normals") if self.features["HAS_NORMALS"] else None
-        self.lights = device.upload(_light_records(scene), "lights") if scene.lights else None
-        self.uvs = self.textures = self.texels = self.srgb = None
-        if is_textured:
-            self.uvs = device.upload(_uvs(geometry), "texture coordinates")
-            self.textures = device.upload(_texture_records(scene), "textures")
-            self.texels = device.upload(_texels(scene), "texels")
-            self.srgb = device.upload(srgb_to_linear(np.arange(256) / 255).astype(np.float32), "sRGB table")
+        self._device, self._scene = device, scene
+        self._geometry = geometry = Geometry.of(scene)
+        emitters = Emitters.of(scene, geometry)
+        self.features = features(scene, geometry, emitters)
+        self.trees = SceneTrees(device, geometry, np.array([bool(i.motion) for i in scene.instances]))
+        self.arrays: dict[str, cl_array.Array] = {}
+        self._upload(device, positions=geometry.positions, triangles=geometry.triangles)
+        self._upload(device, instances=_instances(geometry))
+        uses: list[TextureUse] = []
+        self._material_records = _material_records(scene, emitters, uses)
+        self._upload(device, material=geometry.material, materials=self._material_records)
+        if self.features["HAS_NORMALS"]:
+            self._upload(device, normals=geometry.normals)
+        if self.features["HAS_TEXTURES"]:
+            self._upload(device, uvs=_uvs(geometry), uses=_use_records(uses), **_texture_arrays(scene))
+        if self.features["HAS_DIRECT"]:
+            self._upload(device, emitter_list=emitters.records, shares=emitters.shares)
+        self._upload_environment(device, scene, emitters)
+        has_alpha, has_textures = self.features["HAS_ALPHA"], self.features["HAS_TEXTURES"]
+        self.rays = RayKernels(device, self.trees, self.arrays, has_alpha, has_textures)
+
+    def set_time(self, time: float) -> None:
+        """Put what moves where it is at a time, in seconds. The tree over the instances is rebuilt only if one of them moved
+        since the last call. `instances_before` in the arrays are the instances as they were at the call before."""
+        scene, before = self._scene, self._geometry
+        self._geometry = geometry = before.at(scene, time)
+        if any(i.motion for i in scene.instances):
+            self._replace(instances_before=self.arrays["instances"].get())
+        if geometry is not before:
+            self.trees.move(geometry)
+            self._replace(instances=_instances(geometry))
+        if geometry is not before or any(light.motion for light in scene.lights):
+            emitters = Emitters.of(scene, geometry, time)
+            if self.features["HAS_DIRECT"]:
+                self._replace(emitter_list=emitters.records, shares=emitters.shares)
+            self._material_records["emitter_density"] = emitters.material_density
+            self._replace(materials=self._material_records)
+            self.environment["chance"] = emitters.sky_chance
+
+    def _replace(self, **arrays: np.ndarray) -> None:
+        self._device.queue.finish()
+        self._device.release(*(self.arrays.pop(name) for name in arrays if name in self.arrays))
+        self._upload(self._device, **arrays)
 
     @property
-    def light_count(self) -> int:
-        """Lights that are sampled."""
-        return 0 if self.lights is None else self.lights.shape[0]
+    def emitter_count(self) -> int:
+        """Emitters that are sampled."""
+        return self.arrays["emitter_list"].size if "emitter_list" in self.arrays else 0
 
     @property
     def texture_bytes(self) -> int:
-        """What pictures take on the device."""
-        return 0 if self.texels is None else self.texels.nbytes + self.textures.nbytes
+        """What pictures take on the device, the environment's and all mip levels included."""
+        pictures = ("texels", "textures", "uses", "sky", "sky_rows", "sky_columns")
+        return sum(self.arrays[name].nbytes for name in pictures if name in self.arrays)
 
-    def surface_arrays(self) -> tuple[cl_array.Array | None, ...]:
-        """What the kernel `surface` reads of the scene, in its order."""
-        t = self.trees
-        geometry = (t.positions, t.triangles, self.material, self.normals, self.uvs, t.instances)
-        return *geometry, self.materials, self.textures, self.texels, self.srgb
+    def _upload(self, device: Device, **arrays: np.ndarray) -> None:
+        self.arrays |= {name: device.upload(values, name) for name, values in arrays.items()}
+
+    def _upload_environment(self, device: Device, scene: Scene, emitters: Emitters) -> None:
+        picture = scene.environment.radiance
+        height, width = picture.shape[:2]
+        environment = np.zeros((), STRUCTS["Environment"])
+        environment["width"], environment["height"], environment["chance"] = width, height, emitters.sky_chance
+        self.environment = environment[()]
+        self._upload(device, sky=picture.reshape(-1, 3).astype(np.float32))
+        if self.features["HAS_SKY_PICTURE"]:
+            rows, columns = picture_shares(picture)
+            self._upload(device, sky_rows=rows, sky_columns=columns.reshape(-1))
+
+
+def _texture_arrays(scene: Scene) -> dict[str, np.ndarray]:
+    """Records of the textures, their texels with all mip levels, and the table that decodes colour."""
+    chains = [mip_chain(t) for t in scene.textures]
+    records = np.zeros(len(chains), STRUCTS["Texture"])
+    sizes = [sum(level.shape[0] * level.shape[1] for level in chain) for chain in chains]
+    records["first_texel"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    records["height"], records["width"] = np.array([chain[0].shape[:2] for chain in chains]).T
+    records["levels"] = [len(chain) for chain in chains]
+    records["wrap"] = [[WRAP_MODES.index(mode) for mode in t.wrap] for t in scene.textures]
+    records["srgb"] = [t.srgb for t in scene.textures]
+    texels = [np.ascontiguousarray(level).reshape(-1, 4).view("<u4")[:, 0] for chain in chains for level in chain]
+    table = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
+    return {"textures": records, "texels": np.concatenate(texels), "srgb": table}
+
+
+def _instances(geometry: Geometry) -> np.ndarray:
+    return instance_records(geometry, np.arange(len(geometry.instance_mesh), dtype=np.uint32))
 
 
 def _uvs(geometry: Geometry) -> np.ndarray:
@@ -62,39 +114,55 @@ def _uvs(geometry: Geometry) -> np.ndarray:
     return np.zeros((len(geometry.positions), 2), np.float32) if geometry.uvs is None else geometry.uvs
 
 
-def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """Decode values in [0, 1] by the transfer function of IEC 61966-2-1."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+def features(scene: Scene, geometry: Geometry, emitters: Emitters) -> dict[str, bool]:
+    """What the scene uses, by the defines that compile it in."""
+    materials = scene.materials
+    maps = ("base_color_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
+    is_textured = any(getattr(m, name) is not None for m in materials for name in maps)
+    is_emissive = any(any(m.emission) for m in materials)
+    sky = scene.environment.radiance
+    return {
+        "HAS_NORMALS": geometry.normals is not None,
+        "HAS_TEXTURES": is_textured,
+        "HAS_ALPHA": any(m.alpha_cutoff for m in materials),
+        "HAS_NORMAL_MAPS": any(m.normal_texture for m in materials),
+        "HAS_SPECULAR": any(m.specular > 0 or m.metallic > 0 or m.transmission > 0 for m in materials),
+        "HAS_TRANSMISSION": any(m.transmission > 0 for m in materials),
+        "HAS_EMISSIVE": is_emissive,
+        "HAS_EMISSION": is_emissive or bool(sky.any()),
+        "HAS_SKY_PICTURE": sky.shape[:2] != (1, 1) and bool(sky.any()),
+        "HAS_DIRECT": len(emitters.records) > 0,
+    }
 
 
-def _material_records(scene: Scene) -> np.ndarray:
+def _material_records(scene: Scene, emitters: Emitters, uses: list[TextureUse]) -> np.ndarray:
+    """One record for each material; the uses of textures that they name are appended to `uses`."""
     records = np.zeros(len(scene.materials), STRUCTS["Material"])
+    plain = (
+        *("base_color", "alpha", "metallic", "roughness", "specular", "specular_color", "ior"),
+        *("transmission", "thin", "emission", "normal_scale", "double_sided"),
+    )
     for record, material in zip(records, scene.materials, strict=True):
-        record["base_color"], record["texture"] = material.base_color, material.base_color_texture
-        record["emission"] = material.emission
+        for name in plain:
+            record[name] = getattr(material, name)
+        record["alpha_cutoff"] = material.alpha_cutoff or 0.0
+        record["base_color_map"] = _add_use(uses, material.base_color_texture)
+        record["metallic_roughness_map"] = _add_use(uses, material.metallic_roughness_texture)
+        record["emission_map"] = _add_use(uses, material.emission_texture)
+        record["normal_map"] = _add_use(uses, material.normal_texture)
+    records["emitter_density"] = emitters.material_density
     return records
 
 
-def _light_records(scene: Scene) -> np.ndarray:
-    records = np.zeros(len(scene.lights), STRUCTS["Light"])
-    for record, light in zip(records, scene.lights, strict=True):
-        if isinstance(light, PointLight):
-            record["vector"], record["kind"], record["power"] = light.position, 0, light.intensity
-        else:
-            record["vector"], record["kind"], record["power"] = -np.asarray(light.direction), 1, light.irradiance
+def _add_use(uses: list[TextureUse], use: TextureUse | None) -> int:
+    if use is None:
+        return -1
+    uses.append(use)
+    return len(uses) - 1
+
+
+def _use_records(uses: list[TextureUse]) -> np.ndarray:
+    records = np.zeros(max(len(uses), 1), STRUCTS["TextureUse"])
+    for record, use in zip(records, uses, strict=False):
+        record["texture"], record["transform"] = use.index, use.transform
     return records
-
-
-def _texture_records(scene: Scene) -> np.ndarray:
-    records = np.zeros(len(scene.textures), STRUCTS["Texture"])
-    first = 0
-    for record, texture in zip(records, scene.textures, strict=True):
-        height, width = texture.pixels.shape[:2]
-        record["first_texel"], record["width"], record["height"] = first, width, height
-        record["wrap"] = [WRAP_MODES.index(mode) for mode in texture.wrap]
-        first += width * height
-    return records
-
-
-def _texels(scene: Scene) -> np.ndarray:
-    return np.concatenate([np.ascontiguousarray(t.pixels).reshape(-1, 4).view("<u4")[:, 0] for t in scene.textures])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from clcache.scene.model import Camera, Instance, Material, Mesh, Scene
+from clcache.scene.model import Camera, Environment, Instance, Material, Mesh, Scene
 
 IDENTITY = np.eye(4)[:3]
 MISS = 0xFFFFFFFF
@@ -28,7 +28,7 @@ def make_scene(*meshes: Mesh, instances: Sequence[tuple[int, np.ndarray]] | None
         materials=(Material("grey"),),
         textures=(),
         lights=(),
-        environment=(0.0, 0.0, 0.0),
+        environment=Environment(),
         camera=Camera(IDENTITY, 1.0),
     )
 

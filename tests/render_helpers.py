@@ -10,11 +10,24 @@ from clcache import Renderer
 from clcache.random import random4, stream_key
 from clcache.renderer import Frame
 from clcache.scene.generators import Shape, plane, sphere
-from clcache.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Scene, Texture
+from clcache.scene.model import (
+    Camera,
+    DirectionalLight,
+    Environment,
+    Instance,
+    Light,
+    Material,
+    Mesh,
+    PointLight,
+    Scene,
+    Texture,
+    TextureUse,
+)
 from clcache.scene.transform import look_at
 
 BLACK = (0.0, 0.0, 0.0)
 WHITE = (1.0, 1.0, 1.0)
+MODELLED = "independent"  # the sampler of which `camera_rays` knows the numbers; its samples are independent
 
 
 def grey(albedo: float, emission: float = 0.0) -> Material:
@@ -41,14 +54,16 @@ def lit(
     *meshes: Mesh,
     camera: Camera,
     materials: Sequence[Material] = (grey(1.0),),
-    lights: Sequence[PointLight | DirectionalLight] = (),
-    environment: tuple[float, float, float] = BLACK,
+    lights: Sequence[Light] = (),
+    environment: tuple[float, float, float] | Environment = BLACK,
     textures: Sequence[Texture] = (),
     instances: Sequence[tuple[int, np.ndarray]] | None = None,
     eye_distance: float = 0.0,
 ) -> Scene:
     """A scene of these meshes, each once where it is unless `instances` place them (mesh index and transform)."""
     scene = make_scene(*meshes, instances=instances)
+    if not isinstance(environment, Environment):
+        environment = Environment.constant(environment)
     return replace(
         scene,
         materials=tuple(materials),
@@ -61,9 +76,9 @@ def lit(
 
 
 def render(scene: Scene, size: tuple[int, int] = (16, 16), spp: int = 1, frame: int = 0, **options) -> Frame:
-    """One frame. options: of `Renderer`, and `bounces`."""
-    if "bounces" in options:
-        options["settings"] = {"pathtrace.bounces": options.pop("bounces"), **options.get("settings", {})}
+    """One frame. options: of `Renderer`, and `bounces` and `sampler`, settings by their last names."""
+    short = {f"pathtrace.{name}": options.pop(name) for name in ("bounces", "sampler") if name in options}
+    options["settings"] = short | options.get("settings", {})
     return next(Renderer(scene, size=size, spp=spp, **options).frames(frame, frame + 1))
 
 
@@ -72,10 +87,20 @@ def image(scene: Scene, *arguments, **options) -> np.ndarray:
     return render(scene, *arguments, **options).color["mono"]
 
 
+def z_of_mean(color: np.ndarray, expected: float | np.ndarray) -> np.ndarray:
+    """(channels,): by how many standard deviations the mean of an image departs from what is expected. color: (H, W, 3), all
+    pixels independent estimates of the same, so rendered with sampler=MODELLED. A relative 1e-6 is allowed for the
+    rounding of float32 sums; |z| < 3.3 has significance 0.001."""
+    pixels = color.reshape(-1, color.shape[-1]).astype(float)
+    away = np.abs(pixels.mean(axis=0) - expected) - 1e-6 * np.abs(expected)
+    return np.maximum(away, 0) / np.maximum(pixels.std(axis=0, ddof=1) / np.sqrt(len(pixels)), 1e-30)
+
+
 def camera_rays(
     camera: Camera, size: tuple[int, int], sample: int = 0, frame: int = 0, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The rays that a frame's sample sends through its pixels: origin (3,), unit directions (H, W, 3), in float64."""
+    """The rays that a frame's sample sends through its pixels where the sampler is MODELLED: origin (3,), unit directions
+    (H, W, 3), in float64."""
     width, height = size
     jitter = random4(np.arange(width * height, dtype=np.uint32), sample, 0, stream_key(seed, frame)).reshape(
         height, width, 4
@@ -107,13 +132,13 @@ def ball(radius: float = 1.0, subdivisions: int = 3, material: int = 0, smooth: 
 def checkered(size: int = 4, wrap: tuple[str, str] = ("repeat", "repeat")) -> Texture:
     """Random colours."""
     pixels = np.random.default_rng(5).integers(0, 256, (size, size, 4), dtype=np.uint8)
-    return Texture("checkered", pixels, wrap)
+    return Texture("checkered", pixels, wrap=wrap)
 
 
 def everything() -> Scene:
     """A small scene with all that the path tracer knows: textures, smooth and flat meshes, turned, stretched and mirrored
     instances, several lights of both kinds, emission and an environment."""
-    materials = (Material("tiles", base_color_texture=0), Material("red", (0.9, 0.2, 0.1)), grey(0.0, 3.0))
+    materials = (Material("tiles", base_color_texture=TextureUse(0)), Material("red", (0.9, 0.2, 0.1)), grey(0.0, 3.0))
     lamp = shape_mesh(plane((1.0, 1.0)), 2)
     stretched = np.array([[0.5, 0.2, 0, -1.2], [0, 0.9, 0, 0.9], [0.1, 0, -0.6, 0]])
     lights = (

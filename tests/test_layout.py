@@ -78,8 +78,8 @@ def test_fields_read_on_the_device_are_the_hosts(device, folder, name):
 def test_a_wrong_layout_does_not_build(device, folder, monkeypatch, wrong):
     (folder / "empty.cl").write_text("")
     device.program("empty.cl", VARIANT=1)
-    monkeypatch.setitem(layout.STRUCTS, "Light", wrong)
-    with pytest.raises(DeviceError, match="Light"):
+    monkeypatch.setitem(layout.STRUCTS, "Emitter", wrong)
+    with pytest.raises(DeviceError, match="Emitter"):
         device.program("empty.cl", VARIANT=2)
 
 

@@ -98,7 +98,7 @@ def test_signatures_are_read():
     __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void first(
         __global const float4 *vectors,           // (n, 3)
         volatile __global uint *restrict counts,  // (256, chunks) or null
-        __constant Light *lights,                 // (lights)
+        __constant Emitter *lights,               // (lights)
         Camera camera,
         ulong key)
     {
@@ -111,7 +111,7 @@ def test_signatures_are_read():
     assert [(a.name, a.dtype, a.shape, a.nullable) for a in first.arguments] == [
         ("vectors", np.float32, ("n", 3, 4), False),
         ("counts", np.uint32, (256, "chunks"), True),
-        ("lights", STRUCTS["Light"], ("lights",), False),
+        ("lights", STRUCTS["Emitter"], ("lights",), False),
         ("camera", STRUCTS["Camera"], None, False),
         ("key", np.uint64, None, False),
     ]
@@ -270,7 +270,7 @@ def test_structs_as_arguments(device, folder):
     out = device.empty(2, np.uint32)
     kernel(camera[()], out, 1, count=1)
     np.testing.assert_array_equal(out.get(), [640, 360])
-    for wrong in (np.zeros((), STRUCTS["Light"])[()], 5, None):
+    for wrong in (np.zeros((), STRUCTS["Emitter"])[()], 5, None):
         with pytest.raises(TypeError, match="kernel size: argument camera"):
             kernel(wrong, out, 1, count=1)
 

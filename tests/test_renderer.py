@@ -89,7 +89,8 @@ def test_stats(scene):
     for number, frame in enumerate(stats["frames"]):
         assert frame["frame"] == number
         eye = frame["eyes"]["mono"]
-        assert eye.keys() == {"passes", "rays", "cache"}
+        assert eye.keys() == {"passes", "rays", "cache", "spp"}
+        assert eye["spp"] == 2
         assert eye["rays"]["primary"] == 12 * 7 * 2
         assert 0 < sum(eye["passes"].values()) <= frame["seconds"]
 
@@ -127,7 +128,7 @@ def test_programs_are_announced_before_they_are_built(scene):
         ({"seed": -1}, "seed -1: expected 0 .. "),
         ({"seed": 2**64}, "seed 18446744073709551616: expected 0 .. "),
         ({"method": "magic"}, "method magic: unknown; there is pathtrace"),
-        ({"aovs": ("Z", "depth")}, "AOV depth: unknown; there is albedo, N, Z"),
+        ({"aovs": ("Z", "depth")}, "AOV depth: unknown; there is albedo, N, variance, samples, Z"),
         ({"settings": {"pathtrace.bounce": 3}}, "setting pathtrace.bounce: unknown; did you mean pathtrace.bounces?"),
         (
             {"settings": {"pathtrace.bounces": -1}},

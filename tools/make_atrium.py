@@ -5,18 +5,32 @@ ceiling above. One bay (column, arch, vault, rib, pilaster) is modelled once and
 glTF file is small and exercises shared meshes and a hierarchy of nodes.
 
 Frames: +Y is up and the unit is a metre. A side of the court is modelled in its own frame: x runs along the wall, z = 0
-is the middle plane of the arcade, and z grows away from the court, into the gallery. UVs are metres divided by the size
-of the texture's tile. Every number that is written is rounded to 1e-5, so that a last-bit difference between two
-machines' sine does not change the files.
+is the middle plane of the arcade, and z grows away from the court, into the gallery.
 """
 
-import argparse
-import json
-from dataclasses import dataclass, field
-from pathlib import Path
-
 import numpy as np
-from make_atrium_textures import TEXTURES, write_textures
+import shapes
+from make_atrium_textures import TEXTURES
+from painting import write_textures
+from scene_files import Gltf, Material, output_folder, write_text
+from shapes import (
+    ALONG_X,
+    ALONG_Z,
+    Profile,
+    Surface,
+    box,
+    centred_box,
+    clean,
+    copies,
+    curve,
+    grid,
+    merged,
+    profile,
+    quad,
+    rotation_y,
+    sheet,
+    torus,
+)
 
 # Plan: bays along and across the court, and the distance from the arcade's middle plane to the back wall.
 BAY = 3.0
@@ -39,223 +53,36 @@ EAVES = UPPER + 4.05
 ARCH_RADIUS, UPPER_ARCH_RADIUS = 1.2, 0.58
 VAULT_RISE = 1.4
 
-MATERIALS = {  # name: (texture, base colour factor)
-    "plaster": ("plaster", (1.0, 1.0, 1.0)),
-    "whitewash": ("whitewash", (1.0, 1.0, 1.0)),
-    "limestone": ("limestone", (1.0, 1.0, 1.0)),
-    "ashlar": ("ashlar", (1.0, 1.0, 1.0)),
-    "brick": ("brick", (1.0, 1.0, 1.0)),
-    "marble": ("marble", (1.0, 1.0, 1.0)),
-    "court tiles": ("court_tiles", (1.0, 1.0, 1.0)),
-    "terracotta": ("terracotta", (1.0, 1.0, 1.0)),
-    "pottery": ("plaster", (0.72, 0.36, 0.23)),
-    "wood": ("wood", (1.0, 1.0, 1.0)),
-    "iron": (None, (0.03, 0.03, 0.035)),
-    "red cloth": ("damask", (0.62, 0.07, 0.06)),
-    "blue cloth": ("damask", (0.07, 0.16, 0.42)),
-    "green cloth": ("damask", (0.10, 0.30, 0.14)),
-    "leaf": ("leaf", (1.0, 1.0, 1.0)),
-    "orange": (None, (0.85, 0.32, 0.02)),
-    "earth": (None, (0.09, 0.06, 0.04)),
+MATERIALS = {
+    "plaster": Material(texture="plaster"),
+    "whitewash": Material(texture="whitewash"),
+    "limestone": Material(texture="limestone"),
+    "ashlar": Material(texture="ashlar"),
+    "brick": Material(texture="brick"),
+    "marble": Material(texture="marble"),
+    "court tiles": Material(texture="court_tiles"),
+    "terracotta": Material(texture="terracotta"),
+    "pottery": Material((0.72, 0.36, 0.23), "plaster"),
+    "wood": Material(texture="wood"),
+    "iron": Material((0.03, 0.03, 0.035)),
+    "red cloth": Material((0.62, 0.07, 0.06), "damask"),
+    "blue cloth": Material((0.07, 0.16, 0.42), "damask"),
+    "green cloth": Material((0.10, 0.30, 0.14), "damask"),
+    "leaf": Material(texture="leaf"),
+    "orange": Material((0.85, 0.32, 0.02)),
+    "earth": Material((0.09, 0.06, 0.04)),
 }
 
 
 def metres(material: str) -> float:
     """The size of the material's texture tile; 1 for a material without texture."""
-    texture = MATERIALS[material][0]
+    texture = MATERIALS[material].texture
     return TEXTURES[texture].metres if texture else 1.0
 
 
-ALONG_X = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # a rotation that turns +Y to +X
-ALONG_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # one that turns +Y to +Z
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# Surfaces
-
-
-@dataclass(frozen=True)
-class Surface:
-    """Triangles of one material. positions, normals: (v, 3); uvs: (v, 2); triangles: (t, 3)."""
-
-    material: str
-    positions: np.ndarray
-    normals: np.ndarray
-    uvs: np.ndarray
-    triangles: np.ndarray
-
-    def moved(self, offset=(0.0, 0.0, 0.0), matrix=None) -> "Surface":
-        """The surface turned by a rotation matrix (3, 3), then moved by `offset`."""
-        turn = np.eye(3) if matrix is None else np.asarray(matrix)
-        return Surface(
-            self.material, self.positions @ turn.T + np.asarray(offset), self.normals @ turn.T, self.uvs, self.triangles
-        )
-
-
-def merged(surfaces: list[Surface]) -> Surface:
-    """Surfaces of one material as one."""
-    counts = np.cumsum([0] + [len(s.positions) for s in surfaces[:-1]])
-    return Surface(
-        surfaces[0].material,
-        np.concatenate([s.positions for s in surfaces]),
-        np.concatenate([s.normals for s in surfaces]),
-        np.concatenate([s.uvs for s in surfaces]),
-        np.concatenate([s.triangles + first for s, first in zip(surfaces, counts, strict=True)]),
-    )
-
-
-def copies(surface: Surface, offsets: np.ndarray) -> Surface:
-    """The surface repeated at each of the offsets (n, 3)."""
-    n, v = len(offsets), len(surface.positions)
-    return Surface(
-        surface.material,
-        (surface.positions + offsets[:, None, :]).reshape(-1, 3),
-        np.tile(surface.normals, (n, 1)),
-        np.tile(surface.uvs, (n, 1)),
-        (surface.triangles + (np.arange(n) * v)[:, None, None]).reshape(-1, 3),
-    )
-
-
-def grid(material: str, points: np.ndarray, lengths: np.ndarray, normals: np.ndarray | None = None) -> Surface:
-    """A sheet of quads, each split into two triangles that wind with their normals.
-
-    points: (m, n, 3). lengths: (m, n, 2), the surface's own coordinates in metres. normals: (m, n, 3), or None for flat
-    quads, which then face along (d points / d column) x (d points / d row).
-    """
-    lengths = lengths / metres(material)
-    rows, columns = points.shape[:2]
-    quads = np.arange(rows * columns).reshape(rows, columns)
-    quads = np.stack([quads[:-1, :-1], quads[:-1, 1:], quads[1:, 1:], quads[1:, :-1]], axis=-1).reshape(-1, 4)
-    points, uvs = points.reshape(-1, 3), lengths.reshape(-1, 2)
-    if normals is None:
-        points, uvs = points[quads].reshape(-1, 3), uvs[quads].reshape(-1, 2)
-        corners = points.reshape(-1, 4, 3)
-        facing = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-        normals = np.repeat(facing, 4, axis=0)
-        quads = np.arange(len(points)).reshape(-1, 4)
-    normals = normals.reshape(-1, 3)
-    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    return _clean(Surface(material, points, normals, uvs, triangles))
-
-
-def _clean(surface: Surface) -> Surface:
-    """Without triangles that have no area; the others wound so that they face their normals."""
-    corners = surface.positions[surface.triangles]
-    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    keep = np.linalg.norm(facing, axis=1) > 1e-9
-    backwards = (facing * surface.normals[surface.triangles].sum(axis=1)).sum(axis=1) < 0.0
-    triangles = np.where(backwards[:, None], surface.triangles[:, ::-1], surface.triangles)[keep]
-    return Surface(surface.material, surface.positions, surface.normals, surface.uvs, triangles)
-
-
-def sheet(material: str, points: np.ndarray, lengths: np.ndarray) -> Surface:
-    """A smooth sheet of quads (as `grid`), its normals from central differences."""
-    along_row, along_column = np.gradient(points, axis=(0, 1))
-    return grid(material, points, lengths, np.cross(along_column, along_row))
-
-
-def quad(material: str, corners, lengths=None) -> Surface:
-    """A flat quad through four corners in order, facing the side from which they run counter-clockwise.
-
-    Its u follows the first edge and its v the last one, unless lengths (4, 2) says otherwise.
-    """
-    c = np.asarray(corners, dtype=float)
-    if lengths is None:
-        u, v = np.linalg.norm(c[1] - c[0]), np.linalg.norm(c[3] - c[0])
-        lengths = [[0, 0], [u, 0], [u, -v], [0, -v]]
-    return grid(material, c[[[0, 1], [3, 2]]], np.asarray(lengths, dtype=float)[[[0, 1], [3, 2]]])
-
-
-def box(material: str, low, high) -> list[Surface]:
-    """The six faces of a box, u horizontal and v downwards on the sides."""
-    (x0, y0, z0), (x1, y1, z1) = low, high
-
-    def face(a, b, c, d, u_axis, v_axis):
-        corners = np.array([a, b, c, d], dtype=float)
-        return quad(material, corners, np.stack([corners[:, u_axis], -corners[:, v_axis]], axis=-1))
-
-    return [
-        face((x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1), 0, 1),
-        face((x1, y0, z0), (x0, y0, z0), (x0, y1, z0), (x1, y1, z0), 0, 1),
-        face((x1, y0, z1), (x1, y0, z0), (x1, y1, z0), (x1, y1, z1), 2, 1),
-        face((x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x0, y1, z0), 2, 1),
-        face((x0, y1, z1), (x1, y1, z1), (x1, y1, z0), (x0, y1, z0), 0, 2),
-        face((x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1), 0, 2),
-    ]
-
-
-def centred_box(material: str, half: float, low: float, high: float) -> list[Surface]:
-    """A box around the y axis."""
-    return box(material, (-half, low, -half), (half, high, half))
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# Profiles: drawn once, then turned around an axis or swept around the court
-
-
-@dataclass(frozen=True)
-class Profile:
-    """A drawn line, piece by piece: points, normals (s, 2, 2) and length so far (s, 2) at both ends of each piece.
-
-    The normal is to the right of the direction in which the line is drawn; it is smooth where the line bends by less
-    than 40 degrees and breaks elsewhere.
-    """
-
-    points: np.ndarray
-    normals: np.ndarray
-    length: np.ndarray
-
-
-def profile(*parts) -> Profile:
-    """A line through points: each part is a point (2,) or a run of points (n, 2)."""
-    line = np.concatenate([np.atleast_2d(np.asarray(part, dtype=float)) for part in parts])
-    line = line[np.concatenate([[True], np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-6])]
-    step = np.diff(line, axis=0)
-    size = np.linalg.norm(step, axis=1, keepdims=True)
-    own = np.stack([step[:, 1], -step[:, 0]], axis=-1) / size
-    smooth = (own[1:] * own[:-1]).sum(axis=1, keepdims=True) > np.cos(np.radians(40.0))
-    joint = own[1:] + own[:-1]
-    joint /= np.maximum(np.linalg.norm(joint, axis=1, keepdims=True), 1e-30)
-    start = np.concatenate([own[:1], np.where(smooth, joint, own[1:])])
-    end = np.concatenate([np.where(smooth, joint, own[:-1]), own[-1:]])
-    total = np.concatenate([[0.0], np.cumsum(size[:, 0])])
-    return Profile(
-        np.stack([line[:-1], line[1:]], axis=1),
-        np.stack([start, end], axis=1),
-        np.stack([total[:-1], total[1:]], axis=1),
-    )
-
-
-def curve(x: float, y: float, radius_x: float, radius_y: float, start: float, stop: float, steps: int) -> np.ndarray:
-    """Points (steps + 1, 2) on an ellipse around (x, y), from angle `start` to `stop` in degrees."""
-    angle = np.radians(np.linspace(start, stop, steps + 1))
-    return np.stack([x + radius_x * np.cos(angle), y + radius_y * np.sin(angle)], axis=-1)
-
-
-def torus(radius: float, low: float, high: float, steps: int = 6) -> np.ndarray:
-    """A round moulding on a shaft of `radius`, between two heights, drawn upwards."""
-    half = (high - low) / 2
-    return curve(radius, low + half, half, half, -90.0, 90.0, steps)
-
-
 def revolved(material: str, line: Profile, segments: int, start: float = 0.0, stop: float = 360.0) -> Surface:
-    """The profile (radius, height) turned around the y axis; drawn upwards, it faces outwards."""
-    angle = np.radians(np.linspace(start, stop, segments + 1))
-    axis = np.stack([np.cos(angle), np.zeros_like(angle), np.sin(angle)], axis=-1)
-    up = np.array([0.0, 1.0, 0.0])
-
-    def turned(v):  # (s, 2, 2) -> (s, 2, segments + 1, 3)
-        return v[..., 0, None, None] * axis + v[..., 1, None, None] * up
-
-    # A whole number of tiles goes around a closed surface, so that the texture meets itself; thin ones have a seam.
-    around = np.radians(stop - start) * line.points[..., 0].max()
-    if stop - start == 360.0 and around > metres(material) / 2:
-        around = round(around / metres(material)) * metres(material)
-    u = np.broadcast_to(np.linspace(0.0, around, segments + 1), (*line.length.shape, segments + 1))
-    lengths = np.stack([u, np.broadcast_to(-line.length[..., None], u.shape)], axis=-1)
-    pieces = zip(turned(line.points), lengths, turned(line.normals), strict=True)
-    return merged([grid(material, p, w, n) for p, w, n in pieces])
+    """As `shapes.revolved`, fitted to the material's texture."""
+    return shapes.revolved(material, line, segments, start, stop, metres(material))
 
 
 def arch(material: str, line: Profile, segments: int) -> Surface:
@@ -284,12 +111,6 @@ def ring(material: str, line: Profile, planar: bool = False) -> Surface:
             lengths = np.stack(np.broadcast_arrays(ends * (half_x + outwards), -line.length[..., None]), axis=-1)
         sides += [grid(material, p, w, n) for p, w, n in zip(points, lengths, normals, strict=True)]
     return merged(sides)
-
-
-def rotation_y(degrees: float) -> np.ndarray:
-    """Rotation about +Y (3, 3)."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -651,7 +472,7 @@ def tree(seed: int) -> list[Surface]:
     uvs = np.tile([[0.5, 0.0], [1.0, 0.5], [0.5, 1.0], [0.0, 0.5]], (count, 1))
     first = 4 * np.arange(count)[:, None]
     triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    leaves = _clean(Surface("leaf", points.reshape(-1, 3), normals, uvs, triangles))
+    leaves = clean(Surface("leaf", points.reshape(-1, 3), normals, uvs, triangles))
 
     fruit = revolved("orange", profile(curve(0.0, 0.0, 0.036, 0.036, -90.0, 90.0, 6)), 10)
     places = centre + directions(16) * radius * 0.96
@@ -760,118 +581,6 @@ def shell() -> list[Surface]:
     ]
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# glTF
-
-
-def rounded(values) -> np.ndarray:
-    """Rounded to 1e-5, as float32, without negative zeros."""
-    return (np.round(np.asarray(values, dtype=float), 5) + 0.0).astype(np.float32)
-
-
-def empty_document() -> dict:
-    """A glTF document without nodes."""
-    lists = {"nodes": [], "meshes": [], "accessors": [], "bufferViews": []}
-    asset = {"version": "2.0", "generator": "clcache tools/make_atrium.py"}
-    return {"asset": asset, "scene": 0, "scenes": [{"nodes": []}], **lists}
-
-
-@dataclass
-class Gltf:
-    """A glTF 2.0 document with one binary buffer, built up mesh by mesh and node by node."""
-
-    document: dict = field(default_factory=empty_document)
-    binary: bytearray = field(default_factory=bytearray)
-
-    def add_materials(self) -> None:
-        """All of MATERIALS, with their textures: repeated, sRGB, fully rough."""
-        names = list(TEXTURES)
-        self.document["samplers"] = [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}]
-        self.document["images"] = [{"name": name, "uri": f"textures/{name}.jpg"} for name in names]
-        self.document["textures"] = [{"name": name, "sampler": 0, "source": i} for i, name in enumerate(names)]
-        self.document["materials"] = []
-        for name, (texture, factor) in MATERIALS.items():
-            surface = {"baseColorFactor": [*factor, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
-            if texture:
-                surface["baseColorTexture"] = {"index": names.index(texture)}
-            self.document["materials"].append({"name": name, "pbrMetallicRoughness": surface, "doubleSided": True})
-
-    def _accessor(self, values: np.ndarray, kind: str, target: int, bounds: bool = False) -> int:
-        codes = {np.dtype(np.float32): 5126, np.dtype(np.uint16): 5123, np.dtype(np.uint32): 5125}
-        self.binary.extend(b"\0" * (-len(self.binary) % 4))
-        view = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": values.nbytes, "target": target}
-        self.document["bufferViews"].append(view)
-        accessor = {
-            "bufferView": len(self.document["bufferViews"]) - 1,
-            "componentType": codes[values.dtype],
-            "count": len(values),
-            "type": kind,
-        }
-        if bounds:
-            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-        self.binary.extend(values.tobytes())
-        self.document["accessors"].append(accessor)
-        return len(self.document["accessors"]) - 1
-
-    def _primitive(self, surface: Surface) -> dict:
-        vertices = rounded(np.concatenate([surface.positions, surface.normals, surface.uvs], axis=1))
-        vertices, index = np.unique(vertices, axis=0, return_inverse=True)
-        triangles = index.reshape(-1)[surface.triangles]
-        corners = vertices[triangles, :3].astype(float)
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        triangles = triangles[area > 1e-9]  # rounding may have closed some
-        indices = triangles.reshape(-1).astype(np.uint16 if len(vertices) < 65536 else np.uint32)
-        return {
-            "attributes": {
-                "POSITION": self._accessor(np.ascontiguousarray(vertices[:, :3]), "VEC3", 34962, bounds=True),
-                "NORMAL": self._accessor(np.ascontiguousarray(vertices[:, 3:6]), "VEC3", 34962),
-                "TEXCOORD_0": self._accessor(np.ascontiguousarray(vertices[:, 6:]), "VEC2", 34962),
-            },
-            "indices": self._accessor(indices, "SCALAR", 34963),
-            "material": list(MATERIALS).index(surface.material),
-        }
-
-    def mesh(self, name: str, surfaces: list[Surface]) -> int:
-        """A mesh with one primitive for each material that its surfaces use; returns its index."""
-        used = [m for m in MATERIALS if any(s.material == m for s in surfaces)]
-        primitives = [self._primitive(merged([s for s in surfaces if s.material == m])) for m in used]
-        self.document["meshes"].append({"name": name, "primitives": primitives})
-        return len(self.document["meshes"]) - 1
-
-    def node(
-        self,
-        name: str,
-        parent: int | None = None,
-        mesh: int | None = None,
-        at=(0.0, 0.0, 0.0),
-        turn: float = 0.0,
-        scale: float = 1.0,
-    ) -> int:
-        """A node at `at`, turned by `turn` degrees about +Y, under `parent` or at the root; returns its index."""
-        node: dict = {"name": name}
-        if mesh is not None:
-            node["mesh"] = mesh
-        if any(at):
-            node["translation"] = [round(float(v), 5) for v in at]
-        if turn:
-            half = np.radians(turn) / 2
-            node["rotation"] = [0.0, round(float(np.sin(half)), 9), 0.0, round(float(np.cos(half)), 9)]
-        if scale != 1.0:
-            node["scale"] = [round(float(scale), 5)] * 3
-        nodes = self.document["nodes"]
-        nodes.append(node)
-        siblings = self.document["scenes"][0]["nodes"] if parent is None else nodes[parent].setdefault("children", [])
-        siblings.append(len(nodes) - 1)
-        return len(nodes) - 1
-
-    def write(self, path: Path) -> None:
-        """PATH (JSON) and the binary buffer beside it."""
-        binary = path.with_suffix(".bin")
-        self.document["buffers"] = [{"uri": binary.name, "byteLength": len(self.binary)}]
-        binary.write_bytes(self.binary)
-        path.write_text(json.dumps(self.document, indent=1) + "\n", encoding="utf-8", newline="\n")
-
-
 def add_side(gltf: Gltf, parent: int, meshes: dict[str, int], bays: int) -> None:
     """One side of the court under the node `parent`, bay by bay."""
     left = -bays * BAY / 2
@@ -902,8 +611,7 @@ def add_side(gltf: Gltf, parent: int, meshes: dict[str, int], bays: int) -> None
 
 def build() -> Gltf:
     """The whole atrium as a glTF document."""
-    gltf = Gltf()
-    gltf.add_materials()
+    gltf = Gltf("make_atrium.py", MATERIALS, TEXTURES)
     parts = {
         "column": column(0.235, SPRING - GROUND, 0.26, 28),
         "arch": ground_arch(),
@@ -1014,12 +722,10 @@ eye_distance = 0.063
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "data" / "atrium")
-    out = parser.parse_args().out
-    write_textures(out / "textures")
+    out = output_folder(__doc__, "atrium")
+    write_textures(out / "textures", TEXTURES)
     build().write(out / "atrium.gltf")
-    (out / "scene.toml").write_text(SCENE, encoding="utf-8", newline="\n")
+    write_text(out / "scene.toml", SCENE)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import pyopencl.array as cl_array
 
 from ..device import Device
 from ..layout import STRUCTS
-from ..scene.geometry import Geometry, instance_bounds
+from ..scene.geometry import Geometry, Merged, instance_bounds
 
 # Triangles in a leaf; a tree over instances has one in each.
 LEAF_SIZE = 4
@@ -32,13 +32,18 @@ class Tree:
 class SceneTrees:
     """The trees of a scene's geometry on a device, and what traversal needs beside them. `seconds`: what the build took.
 
+    moves: (i,) bool, which instances may be elsewhere at another time; none by default.
+
     Raises DeviceError if the build does not fit the device's memory.
     """
 
-    def __init__(self, device: Device, geometry: Geometry):
-        self._device, self._geometry = device, geometry
+    def __init__(self, device: Device, scene: Geometry, moves: np.ndarray | None = None):
+        self._device = device
         self._program = device.program("bvh/build.cl")
         start = time.perf_counter()
+        moves = np.zeros(len(scene.instance_mesh), bool) if moves is None else moves
+        self.merged = merged = Merged.of(scene, moves)
+        geometry = merged.geometry
         n = len(geometry.triangles)
         begins = geometry.first_triangle
         segment = np.repeat(np.arange(len(begins) - 1, dtype=np.uint32), np.diff(begins))
@@ -61,26 +66,43 @@ class SceneTrees:
         tree = self._build(boxes, segments, geometry.mesh_bounds, begins, LEAF_SIZE)
         self.nodes = tree.nodes
         self.leaves = device.empty((n, 3, 4), np.float32, "leaf triangles")
-        starts = device.upload(begins.astype(np.uint32), "first triangles")
-        self._program["gather_triangles"](positions, triangles, tree.order, segments, starts, self.leaves, n, count=n)
+        instance = device.upload(merged.instance, "instance of each triangle")
+        primitive = device.upload(merged.primitive, "number of each triangle")
+        self._program["gather_triangles"](
+            positions, triangles, tree.order, instance, primitive, self.leaves, n, count=n
+        )
         device.queue.finish()
-        device.release(boxes, segments, starts, tree.order)
-        self.positions, self.triangles = positions, triangles
+        device.release(boxes, segments, instance, primitive, tree.order, positions, triangles)
         self._mesh_roots = tree.roots
         self._build_top()
         self.seconds = time.perf_counter() - start
 
     @property
     def nbytes(self) -> int:
-        """What the trees take on the device, in bytes; without the vertices and triangles that shading reads."""
-        return sum(
-            a.nbytes for a in (self.nodes, self.leaves, self.top_nodes, self.top_order, self.instances, self.bounds)
-        )
+        """What the trees take on the device, in bytes."""
+        return sum(a.nbytes for a in self.arrays.values())
+
+    @property
+    def arrays(self) -> dict[str, cl_array.Array]:
+        """What traversal reads, by the kernels' names."""
+        names = ("top_nodes", "top_order", "nodes", "leaves", "placed", "bounds")
+        return {name: getattr(self, name) for name in names}
+
+    def move(self, scene: Geometry) -> None:
+        """Rebuild the tree over the instances, whose transforms are now those of `scene`."""
+        self._device.release(self.top_nodes, self.top_order, self.placed, self.bounds)
+        self.merged = self.merged.at(scene)
+        self._build_top()
 
     def _build_top(self) -> None:
-        device, geometry = self._device, self._geometry
-        records = _instance_records(geometry, self._mesh_roots)
-        self.instances = device.upload(records, "instances")
+        device, geometry = self._device, self.merged.geometry
+        records = instance_records(geometry, self.merged.number)
+        mesh = geometry.instance_mesh
+        sizes = np.diff(geometry.first_triangle)[mesh]
+        is_leaf = sizes <= LEAF_SIZE
+        records["root"] = np.where(is_leaf, geometry.first_triangle[mesh], self._mesh_roots[mesh])
+        records["root_count"] = np.where(is_leaf, sizes, 0)
+        self.placed = device.upload(records, "placed meshes")
         low, high = instance_bounds(geometry)
         scene_bounds = np.concatenate([low.min(axis=0), high.max(axis=0)])
         boxes = device.upload(np.concatenate([low.T, high.T]), "instance boxes")
@@ -149,15 +171,13 @@ class SceneTrees:
         return pyramid
 
 
-def _instance_records(geometry: Geometry, mesh_roots: np.ndarray) -> np.ndarray:
+def instance_records(geometry: Geometry, number: np.ndarray) -> np.ndarray:
+    """Instance records without their trees. number: (i,) uint32, which of the scene's instances each is."""
     records = np.zeros(len(geometry.instance_mesh), STRUCTS["Instance"])
     mesh = geometry.instance_mesh
-    sizes = np.diff(geometry.first_triangle)[mesh]
-    is_leaf = sizes <= LEAF_SIZE
     records["to_world"] = geometry.to_world.reshape(-1, 12)
     records["to_object"] = geometry.to_object.reshape(-1, 12)
     records["low"], records["high"] = geometry.mesh_bounds.T[mesh, :3], geometry.mesh_bounds.T[mesh, 3:]
-    records["root"] = np.where(is_leaf, geometry.first_triangle[mesh], mesh_roots[mesh])
-    records["root_count"] = np.where(is_leaf, sizes, 0)
     records["first_triangle"] = geometry.first_triangle[mesh]
+    records["number"] = number
     return records

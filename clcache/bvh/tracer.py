@@ -1,12 +1,14 @@
 """Rays against a scene: the public `Tracer`, and the launch of its kernels for the passes of a frame."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 import pyopencl.array as cl_array
 
 from ..device import Device
-from ..scene.geometry import Geometry
+from ..scene.geometry import NONE, Geometry
 from ..scene.model import Scene
 from .build import SceneTrees
 
@@ -15,11 +17,24 @@ HIT_DTYPE = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("primitive", "u4")
 
 
 class RayKernels:
-    """The traversal kernels, bound to the trees of a scene; rays and results are device arrays of planes."""
+    """The traversal kernels, bound to the trees of a scene; rays and results are device arrays of planes.
 
-    def __init__(self, device: Device, trees: SceneTrees):
-        self._program = device.program("bvh/trace.cl")
-        self._trees = trees
+    surfaces: the arrays by which `cl/scene/alpha.cl` finds holes, by name, and whether there is anything to find.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        trees: SceneTrees,
+        surfaces: Mapping[str, cl_array.Array] | None = None,
+        has_alpha: bool = False,
+        has_textures: bool = False,
+    ):
+        has_instances = trees.placed.size > 1 or trees.merged.number[0] != NONE
+        self._program = device.program(
+            "bvh/trace.cl", HAS_ALPHA=has_alpha, HAS_TEXTURES=has_textures, HAS_INSTANCES=bool(has_instances)
+        )
+        self._trees, self._surfaces = trees, surfaces if has_alpha else {}
 
     def closest_hit(
         self,
@@ -30,11 +45,8 @@ class RayKernels:
         *hits: cl_array.Array,
     ) -> cl.Event | None:
         """Enqueue: origins, directions (3, n); t_mins, lengths (n,); hits t (n,), uv (2, n), primitive, instance (n,)."""
-        n = lengths.shape[0]
-        rays = (origins, directions, t_mins, lengths)
-        return self._program["closest_hit"](
-            *self._scene(), *rays, *hits, self._instances, self._trees.top_root, n, count=n
-        )
+        results = dict(zip(("t", "uv", "primitive", "instance"), hits, strict=True))
+        return self._launch("closest_hit", origins, directions, t_mins, lengths, results)
 
     def any_hit(
         self,
@@ -45,19 +57,13 @@ class RayKernels:
         occluded: cl_array.Array,
     ) -> cl.Event | None:
         """Enqueue: rays as for `closest_hit`; occluded (n,) uint8."""
-        n = lengths.shape[0]
-        rays = (origins, directions, t_mins, lengths)
-        return self._program["any_hit"](
-            *self._scene(), *rays, occluded, self._instances, self._trees.top_root, n, count=n
-        )
+        return self._launch("any_hit", origins, directions, t_mins, lengths, {"occluded": occluded})
 
-    @property
-    def _instances(self) -> int:
-        return self._trees.instances.shape[0]
-
-    def _scene(self) -> tuple[cl_array.Array, ...]:
-        t = self._trees
-        return t.top_nodes, t.top_order, t.nodes, t.leaves, t.instances, t.bounds
+    def _launch(self, kernel: str, origins, directions, t_mins, lengths, results) -> cl.Event | None:
+        rays = {"origins": origins, "directions": directions, "t_mins": t_mins, "lengths": lengths}
+        n, trees = lengths.size, self._trees
+        scalars = {"n": n, "placements": trees.placed.size, "top_root": trees.top_root}
+        return self._program[kernel].run(n, rays, results, trees.arrays, self._surfaces, **scalars)
 
 
 class Tracer:

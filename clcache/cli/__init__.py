@@ -13,9 +13,9 @@ from typing import NoReturn
 
 from ..errors import Error, SceneError, SettingError
 from ..version import __version__
-from . import compare, doctor, render, settings, terminal
+from . import compare, doctor, merge, render, settings, terminal
 
-COMMANDS = {"compare": compare, "doctor": doctor, "render": render, "settings": settings}
+COMMANDS = {"compare": compare, "doctor": doctor, "merge": merge, "render": render, "settings": settings}
 
 
 class Parser(argparse.ArgumentParser):

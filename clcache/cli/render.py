@@ -1,6 +1,7 @@
 """`clcache render`: a scene in; an EXR file for each frame, and on request PNG pictures and statistics, out."""
 
 import argparse
+import math
 import re
 import time
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import settings
-from ..output.aov import AOVS
+from ..output.aov import AOVS, DEFAULT_AOVS
 from .terminal import Progress, printable, ray_count, say
 
 if TYPE_CHECKING:
@@ -41,6 +42,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     eyes.add_argument("--mono", dest="stereo", action="store_false", default=None, help="one eye")
     add("--spp", metavar="N", type=_whole(1), help="samples per pixel (default: the scene's, else 16)")
     add(
+        "--until-relmse",
+        metavar="X",
+        type=_error,
+        help="for each picture, take samples until the relMSE that the pixels' variance lets expect is at most X, or --spp is reached"
+        " (default: 65536)",
+    )
+    add(
         "--seed",
         metavar="N",
         type=_whole(0),
@@ -55,7 +63,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         default=[],
         help="a setting by its dotted name; repeatable; 'clcache settings' lists them",
     )
-    add("--aov", metavar="NAME,...", type=_aovs, default=tuple(AOVS), help=f"AOVs to write (default: {','.join(AOVS)})")
+    add(
+        "--aov",
+        metavar="NAME,...",
+        type=_aovs,
+        default=DEFAULT_AOVS,
+        help=f"AOVs to write, of {', '.join(AOVS)} (default: {','.join(DEFAULT_AOVS)})",
+    )
     add("--png", action="store_true", help="also write frame_0000.png, or frame_0000_left.png and frame_0000_right.png")
     add("--device", metavar="SPEC", help="OpenCL device: its index, or part of the platform's or the device's name")
     add("--threads", metavar="N", type=_whole(1), help="CPU threads of the device (default: all)")
@@ -84,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
             renderer = _renderer(args, scene, progress)
             attributes = provenance(scene, renderer.stats())
             width, height = renderer.size
-            progress.start(end - first, width * height * renderer.spp * len(renderer.eyes))
+            samples = width * height * renderer.spp * len(renderer.eyes)
+            progress.start(end - first, samples if args.until_relmse is None else None)
             for frame in renderer.frames(first, end, progress=progress.part_of_frame):
                 _write(frame, folder, args, attributes)
                 finished.append(frame.stats)
@@ -96,6 +111,8 @@ def run(args: argparse.Namespace) -> int:
     stats["seconds"] = {"load": load_seconds, **stats["seconds"]}
     if args.stats:
         write_stats(args.stats, stats, finished)
+    if args.until_relmse is not None:
+        _say_what_missed(args.until_relmse, finished)
     print(printable(summary(folder, stats, finished)))
     return 0
 
@@ -126,16 +143,18 @@ def _renderer(args: argparse.Namespace, scene: "Scene", progress: Progress) -> "
         device=args.device,
         threads=args.threads,
         aovs=args.aov,
+        until_relmse=args.until_relmse,
         on_compile=progress.compiling,
     )
 
 
 def _write(frame: "Frame", folder: Path, args: argparse.Namespace, attributes: dict[str, object]) -> None:
-    from ..output.exr import write_exr
+    from ..output.exr import sample_counts, write_exr
     from ..output.png import write_png
 
     stem = _stem(folder, frame.number)
-    write_exr(stem.with_suffix(".exr"), frame, args.aov, attributes)
+    spp = sample_counts({eye: stats["spp"] for eye, stats in frame.stats["eyes"].items()})
+    write_exr(stem.with_suffix(".exr"), frame, args.aov, attributes | spp)
     for eye, color in frame.color.items() if args.png else ():
         name = stem.name if len(frame.color) == 1 else f"{stem.name}_{eye}"
         write_png(folder / f"{name}.png", color)
@@ -153,8 +172,26 @@ def summary(folder: Path, stats: dict, frames: list[dict]) -> str:
     rate = sum(map(ray_count, frames)) / max(seconds, 1e-9) / 1e6
     number = f"{len(frames)} frame{'s' if len(frames) != 1 else ''}"
     width, height = stats["size"]
-    picture = f"{width}x{height} ({', '.join(frames[0]['eyes'])}), {stats['spp']} spp"
-    return f"{folder}: {number} of {picture}: {seconds:.2f} s, {rate:.2f} Mrays/s; compiled {stats['seconds']['compile']:.2f} s"
+    eyes = [eye for frame in frames for eye in frame["eyes"].values()]
+    picture = f"{width}x{height} ({', '.join(frames[0]['eyes'])}), {_range([eye['spp'] for eye in eyes])} spp"
+    errors = [eye["estimated_relmse"] for eye in eyes if eye.get("estimated_relmse") is not None]
+    error = f", estimated relMSE {_range(errors)}" if errors else ""
+    return f"{folder}: {number} of {picture}{error}: {seconds:.2f} s, {rate:.2f} Mrays/s; compiled {stats['seconds']['compile']:.2f} s"
+
+
+def _range(values: list[float]) -> str:
+    texts = [f"{value}" if isinstance(value, int) else f"{value:.3g}" for value in (min(values), max(values))]
+    return " to ".join(dict.fromkeys(texts))
+
+
+def _say_what_missed(goal: float, frames: list[dict]) -> None:
+    """Say how many pictures took all samples that they might, and are not as good as was asked for."""
+    errors = [eye["estimated_relmse"] for frame in frames for eye in frame["eyes"].values()]
+    missed = sum(error is None or error > goal for error in errors)
+    if missed:
+        say(
+            f"note: {missed} of {len(errors)} pictures have all samples that --spp allows and an estimated relMSE above {goal:g}"
+        )
 
 
 def _stem(folder: Path, number: int) -> Path:
@@ -194,6 +231,16 @@ def _fps(text: str) -> float:
     if not 0.01 <= fps <= 10_000:
         raise argparse.ArgumentTypeError(f"{text!r}: expected frames per second, 0.01 .. 10000")
     return fps
+
+
+def _error(text: str) -> float:
+    try:
+        error = float(text)
+    except ValueError:
+        error = 0.0
+    if not 0.0 < error < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number above 0, such as 0.001")
+    return error
 
 
 def _assignment(text: str) -> tuple[str, bool | int | float | str]:

@@ -20,9 +20,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
+STEPS = 1000  # of the bar for each frame whose number of samples is not known
+
+
 class Progress:
-    """How far a render is. On a terminal: a bar with samples per second and the time left for all frames, and while
-    kernels compile a bar of its own. Elsewhere: a line when compiling starts and one for each finished frame.
+    """How far a render is. On a terminal: a bar with samples per second and the time left for all frames, or where a goal
+    decides how many samples there will be, with the part of the way to it; while kernels compile a bar of its own. Elsewhere: a line when compiling starts and one for each finished frame.
     """
 
     def __init__(self) -> None:
@@ -31,13 +34,16 @@ class Progress:
         self._programs = 0
         self._bar: tqdm | None = None
 
-    def start(self, frames: int, samples_per_frame: int) -> None:
-        """Begin: so many frames are to come, of so many samples each (pixels x samples per pixel x eyes)."""
+    def start(self, frames: int, samples_per_frame: int | None) -> None:
+        """Begin: so many frames are to come, of so many samples each (pixels x samples per pixel x eyes; None: unknown)."""
         self._end_compiling()
-        self._frames, self._samples_per_frame = frames, samples_per_frame
+        self._frames, self._steps = frames, samples_per_frame or STEPS
         self._done, self._started = 0, time.perf_counter()
         if self._on_terminal:
-            self._bar = tqdm(total=frames * samples_per_frame, unit="sample", unit_scale=True, file=sys.stderr)
+            form = "{l_bar}{bar}| [{elapsed}<{remaining}]" if samples_per_frame is None else None
+            self._bar = tqdm(
+                total=frames * self._steps, unit="sample", unit_scale=True, bar_format=form, file=sys.stderr
+            )
 
     def compiling(self, program: str) -> None:
         """The program of this name is about to be compiled."""
@@ -53,7 +59,7 @@ class Progress:
         """This much of the frame at hand is done, 0 to 1."""
         self._end_compiling()
         if self._bar is not None:
-            self._bar.update(round((self._done + fraction) * self._samples_per_frame) - self._bar.n)
+            self._bar.update(round((self._done + fraction) * self._steps) - self._bar.n)
 
     def frame_done(self, frame: "Frame") -> None:
         """This frame is finished and written."""

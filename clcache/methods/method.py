@@ -31,9 +31,15 @@ class Method:
 @dataclass(frozen=True)
 class PathState:
     """What the passes of one eye's frame are told. camera: Camera record. key: of the frame's random numbers. samples: for
-    each pixel; sample: the current one."""
+    each pixel, of which those before `begin` are there already; sample: the current one."""
 
     camera: np.void
     key: tuple[int, int]
     samples: int
+    begin: int = 0
     sample: int = 0
+
+    @property
+    def sampling(self) -> dict[str, int]:
+        """The scalars by which kernels draw a sample's numbers."""
+        return {"sample": self.sample, "key0": self.key[0], "key1": self.key[1]}

@@ -9,7 +9,7 @@ from dataclasses import replace
 from math import inf
 
 from ..frame import Pass, Repeat
-from ..passes.film import AddSample, Clear, Mean, MeanDirection, NearestDepth, film_buffers
+from ..passes.film import AddRadiance, AddSample, AddSquare, Clear, Mean, MeanDirection, NearestDepth, SampleCount, Variance, film_buffers
 from ..passes.shade import Direct, Emission, Shade, Surface, path_buffers
 from ..passes.trace import Generate, Shadow, Trace, ray_buffers
 from .method import Method, MethodSetup, PathState
@@ -18,15 +18,21 @@ from .method import Method, MethodSetup, PathState
 def pathtrace(setup: MethodSetup) -> Method:
     """The passes of path tracing."""
     device, n = setup.device, setup.size[0] * setup.size[1]
-    sample = [Generate(device), *_first_hits(setup), *_bounces(setup)]
+    sobol = setup.settings["pathtrace.sampler"] == "sobol"
+    sample = [
+        Generate(device, setup.scene, sobol),
+        *_first_hits(setup),
+        *_bounces(setup, sobol),
+        AddRadiance(device),
+        AddSquare(device),
+    ]
     passes = (
-        Clear("radiance"),
-        Clear("ray_counts"),
-        Clear("albedo_sum"),
-        Clear("N_sum"),
+        *(Clear(b) for b in ("ray_counts", "color_sum", "color_lost", "square_sum", "albedo_sum", "N_sum")),
         Clear("aov_Z", inf),
-        Repeat("samples", sample, count=lambda s: s.samples, advance=_at_sample),
-        Mean(device, "radiance", "color"),
+        Repeat("samples", sample, count=lambda s: s.samples - s.begin, advance=_at_sample),
+        Mean(device, "color_sum", "color"),
+        Variance(device),
+        SampleCount(),
         Mean(device, "albedo_sum", "aov_albedo"),
         MeanDirection(device, "N_sum", "aov_N"),
     )
@@ -34,7 +40,7 @@ def pathtrace(setup: MethodSetup) -> Method:
 
 
 def _at_sample(state: PathState, index: int) -> PathState:
-    return replace(state, sample=index)
+    return replace(state, sample=state.begin + index)
 
 
 def _first_hits(setup: MethodSetup) -> list[Pass]:
@@ -48,10 +54,10 @@ def _first_hits(setup: MethodSetup) -> list[Pass]:
     ]
 
 
-def _bounces(setup: MethodSetup) -> list[Pass]:
+def _bounces(setup: MethodSetup, sobol: bool) -> list[Pass]:
     device, scene, settings = setup.device, setup.scene, setup.settings
     last = settings["pathtrace.bounces"]
-    gathers_hits, has_lights = scene.features["HAS_EMISSION"], scene.features["HAS_LIGHTS"]
+    gathers_hits, is_lit = scene.features["HAS_EMISSION"], scene.features["HAS_DIRECT"]
     passes: list[Pass] = []
     for vertex in range(last + 1):
         if vertex > 0:
@@ -59,9 +65,10 @@ def _bounces(setup: MethodSetup) -> list[Pass]:
         if gathers_hits:
             passes += [Emission(device, scene)]
         is_last = vertex == last and not gathers_hits
-        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last)]
-        if has_lights:
-            passes += [Shadow(scene), Direct(device)]
+        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol)]
+        if is_lit:
+            passes += [Shadow(scene), Direct(device, scene)]
     if gathers_hits:
-        passes += [Trace(scene), Emission(device, scene)]
+        passes += [Trace(scene), *([Surface(device, scene)] if scene.features["HAS_EMISSIVE"] else [])]
+        passes += [Emission(device, scene)]
     return passes

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Aov:
-    """One AOV: its name, the channels that it has in a file with a single view, and what they mean.
+    """One AOV: its name, the channels that it has in a file with a single view, what they mean, and whether files have it
+    where nothing else is said.
 
     An AOV of one channel is an (H, W) image, one of three channels (H, W, 3); all are float32.
     """
@@ -13,6 +14,7 @@ class Aov:
     name: str
     channels: tuple[str, ...]
     meaning: str
+    default: bool = True
 
 
 AOVS: dict[str, Aov] = {
@@ -25,9 +27,18 @@ AOVS: dict[str, Aov] = {
         ),
         Aov("N", ("N.X", "N.Y", "N.Z"), "unit shading normal of the first hit, world space; 0 where nothing was hit"),
         Aov(
+            "variance",
+            ("variance.R", "variance.G", "variance.B"),
+            "variance of the colour as an estimate of the true mean, from the spread of the pixel's samples",
+            default=False,
+        ),
+        Aov("samples", ("samples",), "samples that the pixel's colour is the mean of", default=False),
+        Aov(
             "Z",
             ("Z",),
             "planar depth along the viewing axis of the nearest first hit, metres; +inf where nothing was hit",
         ),
     )
 }
+
+DEFAULT_AOVS = tuple(aov.name for aov in AOVS.values() if aov.default)

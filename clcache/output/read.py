@@ -5,9 +5,10 @@ channels (see `exr`), or by parts with the attribute `view`. The colour of a vie
 for a grey picture; alpha is not looked at. Z is its depth, and the attributes `worldToCamera` and `fovY` its camera.
 """
 
+import contextlib
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,8 +31,8 @@ class Picture:
     """A picture file's content, by view.
 
     color: (H, W, 3) float32, linear Rec. 709, or sRGB-encoded in [0, 1] where `encoded`. depth: (H, W) float32, planar
-    depth in metres along the viewing axis; only of views that have it. cameras: likewise. origin: column and row of the
-    upper left pixel.
+    depth in metres along the viewing axis; only of views that have it. cameras: likewise. channels: of each view all,
+    (H, W) float32, by the names that they have in a file with a single view. origin: column and row of the upper left pixel.
     """
 
     file: str
@@ -40,6 +41,7 @@ class Picture:
     color: dict[str, np.ndarray]
     depth: dict[str, np.ndarray]
     cameras: dict[str, Camera]
+    channels: dict[str, dict[str, np.ndarray]]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -59,7 +61,23 @@ def read_picture(path: str | os.PathLike) -> Picture:
     Raises SettingError, with one line, where the file cannot be read, is damaged, holds no colour of the kinds above, is
     too large, or has primaries other than Rec. 709.
     """
-    file = os.fspath(path)
+    with _opened(os.fspath(path)) as (kind, source):
+        return _picture(os.fspath(path), kind, source)
+
+
+def read_attributes(path: str | os.PathLike) -> tuple[tuple[int, int], dict[str, object]]:
+    """Width and height of a picture and the attributes of its first part, as OpenImageIO gives them, without its pixels.
+
+    Raises SettingError, with one line, where the file cannot be read or is damaged.
+    """
+    with _opened(os.fspath(path)) as (_, source):
+        spec = source.spec()
+        return (spec.width, spec.height), {attribute.name: attribute.value for attribute in spec.extra_attribs}
+
+
+@contextlib.contextmanager
+def _opened(file: str) -> Iterator[tuple[str, oiio.ImageInput]]:
+    """The file's kind, and the file, open."""
     kind = _kind(file)
     as_stored = oiio.ImageSpec()
     as_stored.attribute("oiio:UnassociatedAlpha", 1)
@@ -72,7 +90,7 @@ def read_picture(path: str | os.PathLike) -> Picture:
     try:
         if source.format_name() != kind:
             raise _damaged(file, "")
-        return _picture(file, kind, source)
+        yield kind, source
     finally:
         source.close()
 
@@ -88,7 +106,7 @@ def _kind(file: str) -> str:
     for signature, kind in SIGNATURES.items():
         if start.startswith(signature):
             return kind
-    raise SettingError(f"{file}: not a picture that can be compared; expected an EXR, Radiance HDR or PNG file")
+    raise SettingError(f"{file}: not a picture of a known kind; expected an EXR, Radiance HDR or PNG file")
 
 
 def _damaged(file: str, reason: str) -> SettingError:
@@ -120,6 +138,7 @@ def _picture(file: str, kind: str, source: oiio.ImageInput) -> Picture:
         {view: _color(planes, view) for view in views},
         {view: planes[view, "Z"] for view in views if (view, "Z") in planes},
         {view: cameras[view] for view in views if view in cameras},
+        {view: {name: plane for (of, name), plane in planes.items() if of == view} for view in views},
     )
 
 

@@ -11,7 +11,12 @@ from ..frame import Buffer, Pass
 def film_buffers(n: int) -> list[Buffer]:
     """A frame's images, as planes, and the sums that they come from."""
     return [
+        Buffer("color_sum", (3, n)),
+        Buffer("color_lost", (3, n)),
         Buffer("color", (3, n)),
+        Buffer("square_sum", (3, n)),
+        Buffer("aov_variance", (3, n)),
+        Buffer("aov_samples", (n,)),
         Buffer("albedo_sum", (3, n)),
         Buffer("aov_albedo", (3, n)),
         Buffer("N_sum", (3, n)),
@@ -21,14 +26,15 @@ def film_buffers(n: int) -> list[Buffer]:
 
 
 class Clear(Pass):
-    """Start a sum, or a search for the least, over a frame's samples."""
+    """Start a sum, or a search for the least, over a frame's samples; not where a run goes on with an earlier one's."""
 
     def __init__(self, buffer: str, value: float = 0):
         self.name, self.writes, self._value = "clear", (buffer,), value
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Set every element to the value."""
-        yield fill(arrays[self.writes[0]], self._value)
+        if state.begin == 0:
+            yield fill(arrays[self.writes[0]], self._value)
 
 
 class AddSample(Pass):
@@ -42,7 +48,69 @@ class AddSample(Pass):
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Add this sample's values."""
         values, total = (arrays[b] for b in self.reads)
-        yield self._kernel(values, total, values.shape[1], count=values.shape[1])
+        n = values.shape[1]
+        yield self._kernel(values, total, n, count=n)
+
+
+class AddRadiance(Pass):
+    """Sum the samples' radiance, without the drift that rounding brings to long sums."""
+
+    name = "color_sum"
+    reads = ("radiance", "color_sum", "color_lost")
+    writes = ("color_sum", "color_lost")
+
+    def __init__(self, device: Device):
+        self._kernel = device.program("pathtrace/film.cl")["add_compensated"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Add this sample's radiance."""
+        n = arrays["radiance"].shape[1]
+        yield self._kernel(*(arrays[b] for b in self.reads), n, count=n)
+
+
+class AddSquare(Pass):
+    """Sum the squares of the samples' radiance, from which their spread is known."""
+
+    name = "square_sum"
+    reads = ("radiance", "square_sum")
+    writes = ("square_sum",)
+
+    def __init__(self, device: Device):
+        self._kernel = device.program("pathtrace/film.cl")["add_square"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Add this sample's squares."""
+        values, total = (arrays[b] for b in self.reads)
+        n = values.shape[1]
+        yield self._kernel(values, total, n, count=n)
+
+
+class Variance(Pass):
+    """The variance of each pixel's mean."""
+
+    name = "aov_variance"
+    reads = ("color_sum", "square_sum")
+    writes = ("aov_variance",)
+
+    def __init__(self, device: Device):
+        self._kernel = device.program("pathtrace/film.cl")["variance_of_mean"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Estimate it from the sums so far."""
+        total, squares = (arrays[b] for b in self.reads)
+        n = total.shape[1]
+        yield self._kernel(total, squares, arrays["aov_variance"], n, state.samples, count=n)
+
+
+class SampleCount(Pass):
+    """How many samples each pixel has."""
+
+    name = "aov_samples"
+    writes = ("aov_samples",)
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Set the count, the same everywhere."""
+        yield fill(arrays["aov_samples"], state.samples)
 
 
 class NearestDepth(Pass):

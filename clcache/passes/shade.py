@@ -7,9 +7,10 @@ import pyopencl as cl
 from ..device import Device
 from ..frame import Buffer, Pass
 from ..resources import SceneResources
+from .trace import HITS
 
-SURFACE = ("point", "offset", "geometric_normal", "shading_normal", "albedo")
-SHADOW_RAY = ("shadow_direction", "shadow_length", "shadow_radiance")
+_POINT = ("point", "offset", "geometric_normal", "shading_normal", "albedo", "hit_material")
+_SHADOW_RAY = ("shadow_origin", "shadow_direction", "shadow_length", "shadow_radiance")
 
 
 def path_buffers(n: int) -> list[Buffer]:
@@ -20,52 +21,60 @@ def path_buffers(n: int) -> list[Buffer]:
         Buffer("geometric_normal", (3, n)),
         Buffer("shading_normal", (3, n)),
         Buffer("albedo", (3, n)),
+        Buffer("gloss", (2, n)),
+        Buffer("emitted", (3, n)),
+        Buffer("hit_material", (n,), "u4"),
+        Buffer("shadow_origin", (3, n)),
         Buffer("shadow_direction", (3, n)),
         Buffer("shadow_length", (n,)),
         Buffer("shadow_radiance", (3, n)),
         Buffer("occluded", (n,), "u1"),
         Buffer("throughput", (3, n)),
+        Buffer("density", (n,)),
         Buffer("radiance", (3, n)),
         Buffer("ray_counts", (2, n), "u4"),
     ]
 
 
+def surface_buffers(scene: SceneResources) -> tuple[str, ...]:
+    """The buffers that describe a hit, as far as the scene needs them."""
+    optional = [("gloss", "HAS_SPECULAR"), ("emitted", "HAS_EMISSIVE"), ("cone", "HAS_TEXTURES")]
+    return _POINT + tuple(buffer for buffer, feature in optional if scene.features[feature])
+
+
 class Surface(Pass):
-    """What the rays hit: point, normals, albedo (`cl/scene/surface.cl`)."""
+    """What the rays hit: point, normals and the parameters of the material there (`cl/scene/surface.cl`)."""
 
     name = "surface"
-    reads = ("ray_direction", "hit_uv", "hit_primitive", "hit_instance")
-    writes = SURFACE
 
     def __init__(self, device: Device, scene: SceneResources):
         self._scene = scene
-        defines = {key: scene.features[key] for key in ("HAS_NORMALS", "HAS_TEXTURES")}
-        self._kernel = device.program("scene/surface.cl", **defines)["surface"]
+        self._kernel = device.program("scene/surface.cl", **scene.features)["surface"]
+        self.writes = surface_buffers(scene)
+        self.reads = ("ray_direction", *HITS, *(("cone",) if "cone" in self.writes else ()))
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One surface for each path that hit something."""
-        n = arrays["hit_instance"].shape[0]
-        hits = (arrays[b] for b in self.reads)
-        yield self._kernel(*self._scene.surface_arrays(), *hits, *(arrays[b] for b in SURFACE), n, count=n)
+        n = arrays["hit_instance"].size
+        yield self._kernel.run(n, arrays, self._scene.arrays, n=n)
 
 
 class Emission(Pass):
     """Light that the rays found themselves, on emissive surfaces or from the environment (`cl/pathtrace/gather.cl`)."""
 
     name = "emission"
-    reads = ("hit_primitive", "hit_instance", "ray_length", "throughput", "radiance")
-    writes = ("radiance",)
 
     def __init__(self, device: Device, scene: SceneResources):
         self._scene = scene
-        self._kernel = device.program("pathtrace/gather.cl")["emission"]
+        self._kernel = device.program("pathtrace/gather.cl", **scene.features)["emission"]
+        ray = ("ray_direction", "ray_length", "hit_t", "hit_instance", "throughput", "density")
+        surface = ("hit_material", "geometric_normal", "emitted") if scene.features["HAS_EMISSIVE"] else ()
+        self.reads, self.writes = (*ray, *surface, "radiance"), ("radiance",)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Add what each path's ray found."""
-        n, scene = arrays["ray_length"].shape[0], self._scene
-        found = (arrays[b] for b in self.reads)
-        tables = (scene.trees.instances, scene.material, scene.materials)
-        yield self._kernel(*tables, *found, n, *map(float, scene.environment), count=n)
+        n = arrays["ray_length"].size
+        yield self._kernel.run(n, arrays, self._scene.arrays, n=n, environment=self._scene.environment)
 
 
 class Shade(Pass):
@@ -77,20 +86,23 @@ class Shade(Pass):
 
     name = "shade"
 
-    def __init__(self, device: Device, scene: SceneResources, vertex: int, roulette: int, is_last: bool):
-        self._scene, self._vertex, self._roulette, self._is_last = scene, vertex, roulette, is_last
-        self._kernel = device.program("pathtrace/shade.cl", HAS_LIGHTS=scene.features["HAS_LIGHTS"])["shade"]
-        shadow_ray = SHADOW_RAY if scene.features["HAS_LIGHTS"] else ()
-        self.reads = ("hit_instance", *SURFACE, "throughput", "ray_counts")
-        self.writes = ("ray_origin", "ray_direction", "ray_length", "throughput", *shadow_ray, "ray_counts")
+    def __init__(self, device: Device, scene: SceneResources, vertex: int, roulette: int, is_last: bool, sobol: bool):
+        self._scene = scene
+        self._place = {"vertex": vertex, "roulette": roulette, "is_last": int(is_last), "emitters": scene.emitter_count}
+        self._kernel = device.program("pathtrace/shade.cl", SOBOL=sobol, **scene.features)["shade"]
+        surface = tuple(b for b in surface_buffers(scene) if b != "emitted")
+        cone = ("cone",) if scene.features["HAS_TEXTURES"] else ()
+        density = ("density",) if scene.features["HAS_EMISSION"] else ()
+        shadow_ray = _SHADOW_RAY if scene.features["HAS_DIRECT"] else ()
+        self.reads = ("hit_instance", *surface, "ray_direction", "throughput", "ray_counts")
+        path = ("ray_origin", "ray_direction", "ray_length", "throughput", *density, *cone)
+        self.writes = (*path, *shadow_ray, "ray_counts")
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One vertex of each path."""
-        n, scene = arrays["ray_length"].shape[0], self._scene
-        used = ("hit_instance", *SURFACE, "ray_origin", "ray_direction", "ray_length", "throughput", *SHADOW_RAY)
-        buffers = (arrays.get(b) for b in (*used, "ray_counts"))
-        choice = (scene.light_count, self._vertex, self._roulette, int(self._is_last))
-        yield self._kernel(scene.lights, *buffers, n, *choice, state.sample, *state.key, count=n)
+        n, scene = arrays["ray_length"].size, self._scene
+        scalars = self._place | {"n": n, "environment": scene.environment}
+        yield self._kernel.run(n, arrays, scene.arrays, **scalars, **state.sampling)
 
 
 class Direct(Pass):
@@ -100,10 +112,10 @@ class Direct(Pass):
     reads = ("occluded", "shadow_length", "shadow_radiance", "radiance")
     writes = ("radiance",)
 
-    def __init__(self, device: Device):
-        self._kernel = device.program("pathtrace/gather.cl")["direct"]
+    def __init__(self, device: Device, scene: SceneResources):
+        self._kernel = device.program("pathtrace/gather.cl", **scene.features)["direct"]
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Add what each path's light brings."""
-        n = arrays["shadow_length"].shape[0]
-        yield self._kernel(*(arrays[b] for b in self.reads), n, count=n)
+        n = arrays["shadow_length"].size
+        yield self._kernel.run(n, arrays, n=n)

@@ -17,6 +17,7 @@ def ray_buffers(n: int) -> list[Buffer]:
         Buffer("ray_origin", (3, n)),
         Buffer("ray_direction", (3, n)),
         Buffer("ray_length", (n,)),
+        Buffer("cone", (2, n)),
         Buffer("hit_t", (n,)),
         Buffer("hit_uv", (2, n)),
         Buffer("hit_primitive", (n,), "u4"),
@@ -25,18 +26,20 @@ def ray_buffers(n: int) -> list[Buffer]:
 
 
 class Generate(Pass):
-    """Camera rays (`cl/pathtrace/generate.cl`)."""
+    """Camera rays, and paths that have gathered nothing yet (`cl/pathtrace/generate.cl`)."""
 
     name = "generate"
-    writes = ("ray_origin", "ray_direction", "ray_length", "throughput")
 
-    def __init__(self, device: Device):
-        self._kernel = device.program("pathtrace/generate.cl")["generate"]
+    def __init__(self, device: Device, scene: SceneResources, sobol: bool):
+        self._kernel = device.program("pathtrace/generate.cl", SOBOL=sobol)["generate"]
+        carried = [("density", scene.features["HAS_EMISSION"]), ("cone", scene.features["HAS_TEXTURES"])]
+        used = tuple(buffer for buffer, is_used in carried if is_used)
+        self.writes = ("ray_origin", "ray_direction", "ray_length", "throughput", "radiance", *used)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One camera ray for each pixel of the state's camera."""
-        n = arrays["ray_length"].shape[0]
-        yield self._kernel(*(arrays[b] for b in self.writes), state.camera, n, state.sample, *state.key, count=n)
+        n = arrays["ray_length"].size
+        yield self._kernel.run(n, arrays, n=n, camera=state.camera, **state.sampling)
 
 
 class Trace(Pass):
@@ -59,7 +62,7 @@ class Shadow(Pass):
     """Whether anything stands between the paths' points and the lights that they chose (`cl/bvh/trace.cl`)."""
 
     name = "shadow"
-    reads = ("ray_origin", "shadow_direction", "shadow_length")
+    reads = ("shadow_origin", "shadow_direction", "shadow_length")
     writes = ("occluded",)
 
     def __init__(self, scene: SceneResources):

@@ -2,30 +2,38 @@
 
 from .load import load_scene
 from .model import (
-    NO_TEXTURE,
     WRAP_MODES,
     Camera,
     Defaults,
     DirectionalLight,
+    Environment,
     Instance,
+    Light,
     Material,
     Mesh,
     PointLight,
     Scene,
+    SpotLight,
     Texture,
+    TextureUse,
+    Track,
 )
 
 __all__ = [
-    "NO_TEXTURE",
     "WRAP_MODES",
     "Camera",
     "Defaults",
     "DirectionalLight",
+    "Environment",
     "Instance",
+    "Light",
     "Material",
     "Mesh",
     "PointLight",
     "Scene",
+    "SpotLight",
     "Texture",
+    "TextureUse",
+    "Track",
     "load_scene",
 ]

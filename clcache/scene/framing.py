@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 
-from .model import Camera, DirectionalLight, PointLight
+from .model import Camera, DirectionalLight, Environment, Light, PointLight
 from .part import Part
 from .transform import look_at
 
@@ -71,8 +71,8 @@ class _World:
 
 
 def complete(
-    part: Part, environment: Strength | None, size: tuple[int, int], notes: list[str]
-) -> tuple[Camera, list[PointLight | DirectionalLight], Strength]:
+    part: Part, environment: Environment | None, size: tuple[int, int], notes: list[str]
+) -> tuple[Camera, list[Light], Environment]:
     """Camera, lights and environment of a scene, chosen where the file gives none; adds a note for each choice.
 
     environment: the file's, or None. size: width and height of the picture. The light is only chosen if the file has
@@ -81,14 +81,15 @@ def complete(
     dark = environment is None and not part.lights and not any(any(m.emission) for m in part.materials)
     camera, lights = part.camera, list(part.lights)
     if camera is not None and not dark:
-        return camera, lights, environment or (0.0, 0.0, 0.0)
+        return camera, lights, environment or Environment()
     world = _gather(part)
     if camera is None:
         camera = world.to_metres(_frame(world, size[0] / size[1], notes))
     if dark:
-        light, environment = _light(world, camera, notes)
+        light, sky = _light(world, camera, notes)
         lights.append(light)
-    return camera, lights, environment or (0.0, 0.0, 0.0)
+        environment = Environment.constant(sky)
+    return camera, lights, environment or Environment()
 
 
 def _gather(part: Part) -> _World:

@@ -1,10 +1,16 @@
 """All meshes of a scene in one set of arrays, as kernels read them, and its instances' transforms and bounds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .model import Scene
+from .motion import pose_at
+
+# Coordinates of an instance in the world, relative to its size, up to which its vertices may be rounded there.
+_FARTHEST = 64
+
+NONE = np.uint32(0xFFFFFFFF)  # no instance; as in cl/common/math.cl
 
 
 @dataclass(frozen=True)
@@ -34,9 +40,7 @@ class Geometry:
         meshes = scene.meshes
         first_vertex = _starts(len(m.positions) for m in meshes)
         used = [m.positions[np.unique(m.triangles)] for m in meshes]
-        # Rounded first: the way back must be the inverse of the way that kernels go.
-        to_world = np.array([i.transform for i in scene.instances], np.float32).astype(np.float64)
-        square = np.concatenate([to_world, np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(to_world), 1, 4))], axis=1)
+        to_world, to_object = _transforms(scene, 0.0)
         return cls(
             positions=np.concatenate([m.positions for m in meshes]).astype(np.float32),
             triangles=np.concatenate(
@@ -48,9 +52,130 @@ class Geometry:
             first_triangle=_starts(len(m.triangles) for m in meshes),
             mesh_bounds=np.array([[*p.min(axis=0), *p.max(axis=0)] for p in used], np.float32).T.copy(),
             instance_mesh=np.array([i.mesh for i in scene.instances]),
-            to_world=to_world.astype(np.float32),
-            to_object=np.linalg.inv(square)[:, :3].astype(np.float32),
+            to_world=to_world,
+            to_object=to_object,
         )
+
+    def at(self, scene: Scene, time: float) -> "Geometry":
+        """The same meshes with the instances where they are at a time, in seconds; itself if none of them moved."""
+        if not any(i.motion for i in scene.instances):
+            return self
+        to_world, to_object = _transforms(scene, time)
+        return self if np.array_equal(to_world, self.to_world) else replace(self, to_world=to_world, to_object=to_object)
+
+
+@dataclass(frozen=True)
+class Merged:
+    """A scene's geometry as rays see it: the meshes that are placed once, and stand still, are one mesh in world space, so
+    that a ray descends a single tree for all of them; the others follow as they are, and so do those that stand so far from
+    the origin, for their size, that float32 would deform them there.
+
+    geometry: meshes, instances and their numbers here; without normals and texture coordinates. instance: (t,) uint32,
+    the scene's instance that a triangle belongs to, or NONE where its mesh is placed more than once. primitive: (t,)
+    uint32, its number in its mesh of the scene. number: (i,) uint32, the scene's instance of each instance here, or NONE for
+    the merged mesh.
+    """
+
+    geometry: Geometry
+    instance: np.ndarray
+    primitive: np.ndarray
+    number: np.ndarray
+
+    @classmethod
+    def of(cls, geometry: Geometry, moves: np.ndarray) -> "Merged":
+        """moves: (i,) bool, which of the instances are not always where they are now."""
+        uses = np.bincount(geometry.instance_mesh, minlength=len(geometry.first_triangle) - 1)
+        joins = (uses[geometry.instance_mesh] == 1) & ~moves & _keeps_shape(geometry)
+        parts = [_Part.joined(geometry, np.flatnonzero(joins))] if joins.any() else []
+        apart = np.flatnonzero(~joins)
+        meshes, mesh_here = np.unique(geometry.instance_mesh[apart], return_inverse=True)
+        parts += [_Part.of_mesh(geometry, mesh) for mesh in meshes]
+        first_vertex = _starts(len(p.positions) for p in parts)
+        identity = np.eye(3, 4, dtype=np.float32)[None][: int(joins.any())]
+        joined = len(identity)
+        merged = Geometry(
+            positions=np.concatenate([p.positions for p in parts]),
+            triangles=np.concatenate(
+                [p.triangles + np.uint32(start) for p, start in zip(parts, first_vertex, strict=False)]
+            ),
+            material=np.zeros(0, np.uint32),
+            normals=None,
+            uvs=None,
+            first_triangle=_starts(len(p.triangles) for p in parts),
+            mesh_bounds=np.array([[*p.positions.min(axis=0), *p.positions.max(axis=0)] for p in parts], np.float32).T.copy(),
+            instance_mesh=np.concatenate([np.arange(joined), mesh_here + joined]).astype(np.int64),
+            to_world=np.concatenate([identity, geometry.to_world[apart]]),
+            to_object=np.concatenate([identity, geometry.to_object[apart]]),
+        )
+        return cls(
+            merged,
+            np.concatenate([p.instance for p in parts]),
+            np.concatenate([p.primitive for p in parts]),
+            np.concatenate([np.full(joined, NONE), apart]).astype(np.uint32),
+        )
+
+    def at(self, geometry: Geometry) -> "Merged":
+        """The same with the instances that are apart where `geometry` has them."""
+        apart = self.number != NONE
+        to_world, to_object = self.geometry.to_world.copy(), self.geometry.to_object.copy()
+        to_world[apart], to_object[apart] = geometry.to_world[self.number[apart]], geometry.to_object[self.number[apart]]
+        return replace(self, geometry=replace(self.geometry, to_world=to_world, to_object=to_object))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A mesh of the merged geometry; its triangles count from its own first vertex."""
+
+    positions: np.ndarray
+    triangles: np.ndarray
+    instance: np.ndarray
+    primitive: np.ndarray
+
+    @classmethod
+    def of_mesh(cls, geometry: Geometry, mesh: int) -> "_Part":
+        triangles = geometry.triangles[geometry.first_triangle[mesh] : geometry.first_triangle[mesh + 1]]
+        used, renumbered = np.unique(triangles, return_inverse=True)
+        return cls(
+            geometry.positions[used],
+            renumbered.reshape(-1, 3).astype(np.uint32),
+            np.full(len(triangles), NONE, np.uint32),
+            np.arange(len(triangles), dtype=np.uint32),
+        )
+
+    @classmethod
+    def joined(cls, geometry: Geometry, instances: np.ndarray) -> "_Part":
+        """The meshes of these instances in world space, one behind the other."""
+        parts = [cls.of_mesh(geometry, geometry.instance_mesh[i]) for i in instances]
+        starts = _starts(len(p.positions) for p in parts)
+        return cls(
+            np.concatenate([_placed(p.positions, geometry.to_world[i]) for p, i in zip(parts, instances, strict=True)]),
+            np.concatenate([p.triangles + np.uint32(start) for p, start in zip(parts, starts, strict=False)]),
+            np.repeat(instances.astype(np.uint32), [len(p.triangles) for p in parts]),
+            np.concatenate([p.primitive for p in parts]),
+        )
+
+
+def _keeps_shape(geometry: Geometry) -> np.ndarray:
+    """(i,) bool, whether an instance's coordinates in the world are not much larger than the instance."""
+    low, high = instance_bounds(geometry)
+    is_identity = (geometry.to_world == np.eye(3, 4, dtype=np.float32)).all(axis=(1, 2))
+    return is_identity | (np.maximum(np.abs(low), np.abs(high)).max(axis=1) <= _FARTHEST * (high - low).max(axis=1))
+
+
+def _placed(positions: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+    """Points in world space; exact for the identity."""
+    matrix = to_world.astype(np.float64)
+    return (positions @ matrix[:, :3].T + matrix[:, 3]).astype(np.float32)
+
+
+def _transforms(scene: Scene, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Object to world and back, of all instances at a time: each (i, 3, 4) float32."""
+    placed = [pose_at(i.motion, time) if i.motion else i.transform for i in scene.instances]
+    # Rounded first: the way back must be the inverse of the way that kernels go.
+    to_world = np.array(placed, np.float32)
+    square = np.zeros((len(placed), 4, 4))
+    square[:, :3], square[:, 3, 3] = to_world, 1.0
+    return to_world, np.linalg.inv(square)[:, :3].astype(np.float32)
 
 
 def _starts(lengths) -> np.ndarray:

@@ -21,15 +21,16 @@ from pydantic.alias_generators import to_camel
 
 from ..errors import SceneError
 from .files import Folder, read_bytes
-from .model import NO_TEXTURE, Camera, DirectionalLight, Instance, Material, PointLight, Texture
-from .part import Part, place_light
+from .model import Camera, DirectionalLight, Instance, Material, PointLight, SpotLight, Texture, TextureUse, Track
+from .part import Part, place_camera, place_instance, place_light
 from .textures import decode_picture, read_picture
-from .transform import compose, rigid, rotation_matrix
-from .validate import check_transform, make_mesh
+from .transform import Chain, chain, rotation_matrix, uv_transform
+from .validate import check_chain, make_mesh
 
-# Extensions that a file may require: the first three are read; those of materials only change how a surface scatters.
-_READ_EXTENSIONS = ("KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_mesh_quantization")
+# Extensions that a file may require: what is read, and other ones of materials, which only change how a surface scatters.
+_READ_EXTENSIONS = ("KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform")
 _MATERIAL_EXTENSIONS = "KHR_materials_"
+_INFINITE_IOR = 1e4  # stands for the 0 by which KHR_materials_ior asks for a reflectance of 1
 
 # An accessor without a buffer view holds zeros that no file pays for; a file that has more of them is a bomb.
 _MOST_ZEROS = 1 << 24
@@ -44,6 +45,9 @@ Size = Annotated[int, Field(ge=1, le=2**53)]
 Offset = Annotated[int, Field(ge=0, le=2**53)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(ge=0, le=1e30)]
+Finite = Annotated[float, Field(ge=-1e30, le=1e30)]
+Color = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+Two = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 ComponentType = Literal[5120, 5121, 5122, 5123, 5125, 5126]
 
@@ -110,6 +114,14 @@ class _Mesh(_Object):
 class _TextureInfo(_Object):
     index: Index
     tex_coord: Index = 0
+    scale: Finite = 1.0  # of a normal map
+
+
+class _TextureTransform(_Object):
+    offset: Two = [0.0, 0.0]
+    rotation: Finite = 0.0
+    scale: Two = [1.0, 1.0]
+    tex_coord: Index | None = None
 
 
 class _Pbr(_Object):
@@ -117,18 +129,51 @@ class _Pbr(_Object):
     base_color_texture: _TextureInfo | None = None
     metallic_factor: Fraction = 1.0
     roughness_factor: Fraction = 1.0
+    metallic_roughness_texture: _TextureInfo | None = None
 
 
 class _Material(_Object):
     pbr_metallic_roughness: _Pbr = _Pbr()
-    emissive_factor: Annotated[list[Positive], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    emissive_factor: Color = [0.0, 0.0, 0.0]
     emissive_texture: _TextureInfo | None = None
     normal_texture: _TextureInfo | None = None
     alpha_mode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
+    alpha_cutoff: Positive = 0.5
+    double_sided: bool = False
 
 
 class _EmissiveStrength(_Object):
     emissive_strength: Positive = 1.0
+
+
+class _Specular(_Object):
+    specular_factor: Fraction = 1.0
+    specular_color_factor: Color = [1.0, 1.0, 1.0]
+    specular_texture: Any = None
+    specular_color_texture: Any = None
+
+
+class _Ior(_Object):
+    ior: Positive = 1.5
+
+
+class _Transmission(_Object):
+    transmission_factor: Fraction = 0.0
+    transmission_texture: Any = None
+
+
+class _Volume(_Object):
+    thickness_factor: Positive = 0.0
+    attenuation_distance: Positive | None = None
+
+
+_READ_OF_MATERIALS = {
+    "KHR_materials_emissive_strength": _EmissiveStrength,
+    "KHR_materials_specular": _Specular,
+    "KHR_materials_ior": _Ior,
+    "KHR_materials_transmission": _Transmission,
+    "KHR_materials_volume": _Volume,
+}
 
 
 class _Texture(_Object):
@@ -156,10 +201,17 @@ class _Camera(_Object):
     perspective: _Perspective | None = None
 
 
+class _Spot(_Object):
+    inner_cone_angle: Annotated[float, Field(ge=0, le=math.pi / 2)] = 0.0
+    outer_cone_angle: Annotated[float, Field(gt=0, le=math.pi / 2 + 1e-6)] = math.pi / 4
+
+
 class _Light(_Object):
     type: Literal["point", "directional", "spot"]
-    color: Annotated[list[Positive], Field(min_length=3, max_length=3)] = [1.0, 1.0, 1.0]
+    color: Color = [1.0, 1.0, 1.0]
     intensity: Positive = 1.0
+    range: Positive | None = None
+    spot: _Spot = _Spot()
 
 
 class _Lights(_Object):
@@ -179,6 +231,27 @@ class _Node(_Object):
     translation: Three = [0.0, 0.0, 0.0]
     rotation: Annotated[list[float], Field(min_length=4, max_length=4)] = [0.0, 0.0, 0.0, 1.0]
     scale: Three = [1.0, 1.0, 1.0]
+
+
+class _Target(_Object):
+    path: str
+    node: Index | None = None
+
+
+class _Channel(_Object):
+    sampler: Index
+    target: _Target
+
+
+class _AnimationSampler(_Object):
+    input: Index
+    output: Index
+    interpolation: Literal["LINEAR", "STEP", "CUBICSPLINE"] = "LINEAR"
+
+
+class _Animation(_Object):
+    channels: list[_Channel]
+    samplers: list[_AnimationSampler]
 
 
 class _Scene(_Object):
@@ -204,7 +277,7 @@ class _Document(_Object):
     samplers: list[_Sampler] = []
     textures: list[_Texture] = []
     cameras: list[_Camera] = []
-    animations: list[Any] = []
+    animations: list[_Animation] = []
     extensions_required: list[str] = []
 
 
@@ -241,19 +314,18 @@ def load_gltf(path: Path, name: str, folder: Folder) -> Part:
     part = Part()
     _add_materials(file, part)
     meshes: dict[int, int | None] = {}
-    for place, node, transform in _walk(file):
+    for place, node, motion in _walk(file, _animated_nodes(file, part)):
         if node.mesh is not None:
             if node.mesh not in meshes:
                 meshes[node.mesh] = _add_mesh(file, part, node.mesh, place)
             if meshes[node.mesh] is not None:
-                here = check_transform(f"{name}: {place}", transform)
-                part.instances.append(
-                    Instance(node.name or part.meshes[meshes[node.mesh]].name, meshes[node.mesh], here)
-                )
+                here = check_chain(f"{name}: {place}", motion)
+                instance = Instance(node.name or part.meshes[meshes[node.mesh]].name, meshes[node.mesh])
+                part.instances.append(place_instance(instance, here))
         if node.camera is not None and part.camera is None:
-            part.camera = _camera(file, part, node.camera, place, transform)
+            part.camera = _camera(file, part, node.camera, place, motion)
         if "KHR_lights_punctual" in node.extensions:
-            _add_light(file, part, node, place, transform)
+            _add_light(file, part, node, place, motion)
     _note_node_features(file, part)
     return part
 
@@ -316,8 +388,11 @@ def _check_extensions(file: _File) -> None:
 # Nodes
 
 
-def _walk(file: _File) -> list[tuple[str, _Node, np.ndarray]]:
-    """Every node of the default scene, parents first: its place in the file, itself, its (3, 4) transform to the world."""
+def _walk(file: _File, animated: dict[int, Chain]) -> list[tuple[str, _Node, Chain]]:
+    """Every node of the default scene, parents first: its place in the file, itself, its transforms from the world down.
+
+    animated: the local transforms of nodes that move.
+    """
     document = file.document
     if document.scenes:
         roots = file.item(document.scenes, document.scene, "scene", "scenes").nodes
@@ -326,7 +401,7 @@ def _walk(file: _File) -> list[tuple[str, _Node, np.ndarray]]:
         roots = [index for index in range(len(document.nodes)) if index not in children]
     found = []
     seen = set()
-    waiting = [(index, np.eye(4)[:3]) for index in reversed(roots)]
+    waiting: list[tuple[int, Chain]] = [(index, (np.eye(4)[:3],)) for index in reversed(roots)]
     while waiting:
         index, outer = waiting.pop()
         place = f"nodes[{index}]"
@@ -334,9 +409,10 @@ def _walk(file: _File) -> list[tuple[str, _Node, np.ndarray]]:
         if index in seen:
             raise file.error(place, "is reached twice; the node hierarchy must be a tree")
         seen.add(index)
-        transform = compose(outer, _local_transform(file, node, place))
-        found.append((place, node, transform))
-        waiting += [(child, transform) for child in reversed(node.children)]
+        local = animated[index] if index in animated else (_local_transform(file, node, place),)
+        motion = chain(*outer, *local)
+        found.append((place, node, motion))
+        waiting += [(child, motion) for child in reversed(node.children)]
     return found
 
 
@@ -348,36 +424,43 @@ def _local_transform(file: _File, node: _Node, place: str) -> np.ndarray:
     return np.column_stack([rotation_matrix(node.rotation) * node.scale, node.translation])
 
 
-def _camera(file: _File, part: Part, index: int, place: str, transform: np.ndarray) -> Camera | None:
+def _camera(file: _File, part: Part, index: int, place: str, motion: Chain) -> Camera | None:
     camera = file.item(file.document.cameras, index, place, "cameras")
     if camera.perspective is None:
         part.notes.append(f"{file.name}: the orthographic camera {camera.name!r} is left out")
         return None
-    pose = rigid(check_transform(f"{file.name}: {place}", transform))
-    return Camera(pose, camera.perspective.yfov, camera.perspective.znear)
+    here = check_chain(f"{file.name}: {place}", motion)
+    return place_camera(Camera(np.eye(4)[:3], camera.perspective.yfov, camera.perspective.znear), here)
 
 
-def _add_light(file: _File, part: Part, node: _Node, place: str, transform: np.ndarray) -> None:
+def _add_light(file: _File, part: Part, node: _Node, place: str, motion: Chain) -> None:
     where = f"{file.name}: {place}: KHR_lights_punctual"
     index = _checked(_LightReference, node.extensions["KHR_lights_punctual"], where).light
     declared = file.document.extensions.get("KHR_lights_punctual", {})
     lights = _checked(_Lights, declared, f"{file.name}: extensions.KHR_lights_punctual").lights
     light = file.item(lights, index, place, "lights")
     strength = tuple(light.intensity * c for c in light.color)
-    transform = check_transform(f"{file.name}: {place}", transform)
+    centre, ahead = (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)
     if light.type == "point":
-        part.lights.append(place_light(PointLight((0.0, 0.0, 0.0), strength), transform))
+        made = PointLight(centre, strength)
     elif light.type == "directional":
-        part.lights.append(place_light(DirectionalLight((0.0, 0.0, -1.0), strength), transform))
+        made = DirectionalLight(ahead, strength)
     else:
-        part.dropped["spot lights"] += 1
+        inner, outer = light.spot.inner_cone_angle, light.spot.outer_cone_angle
+        if inner >= outer:
+            place = f"extensions.KHR_lights_punctual.lights[{index}].spot"
+            raise file.error(place, f"innerConeAngle {inner} is not below outerConeAngle {outer}")
+        made = SpotLight(centre, ahead, strength, inner, outer)
+    part.lights.append(place_light(made, check_chain(f"{file.name}: {place}", motion)))
+    if light.range is not None:
+        part.notes.append(
+            f"{file.name}: the light {light.name or index!r} reaches farther than its range, which is left out"
+        )
 
 
 def _note_node_features(file: _File, part: Part) -> None:
     document = file.document
     features = {
-        "spot lights are left out": part.dropped["spot lights"],
-        "animations are not played": len(document.animations),
         "skinned meshes stand in their rest pose": sum(node.skin is not None for node in document.nodes),
         "meshes with morph targets keep their base shape": sum(
             any(p.targets for p in mesh.primitives) for mesh in document.meshes
@@ -387,58 +470,225 @@ def _note_node_features(file: _File, part: Part) -> None:
         ),
     }
     part.notes += [f"{file.name}: {count} {what}" for what, count in features.items() if count]
-    part.dropped += Counter()  # forgets the kinds that were never counted
+
+
+# Animations
+
+_MOVED = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
+_SPLINE_STEPS = 32  # straight pieces for each piece of a cubic spline
+_LEAST_SCALE = 1e-6  # of the largest: stands for 0, which could not be inverted
+
+
+def _animated_nodes(file: _File, part: Part) -> dict[int, Chain]:
+    """The local transforms of the nodes that the first animation moves (3.11)."""
+    animations = file.document.animations
+    if not animations:
+        return {}
+    if len(animations) > 1:
+        part.notes.append(
+            f"{file.name}: of {len(animations)} animations, the first one, {animations[0].name!r}, is played"
+        )
+    paths: dict[int, dict[str, Track]] = {}
+    left_out = 0
+    for number, channel in enumerate(animations[0].channels):
+        place = f"animations[0].channels[{number}]"
+        if channel.target.path not in _MOVED or channel.target.node is None:
+            left_out += 1
+            continue
+        node = file.item(file.document.nodes, channel.target.node, place, "nodes")
+        if node.matrix is not None:
+            raise file.error(place, f"moves nodes[{channel.target.node}], which has a matrix; expected none")
+        sampler = file.item(animations[0].samplers, channel.sampler, place, "samplers")
+        paths.setdefault(channel.target.node, {})[channel.target.path] = _track(
+            file, sampler, channel.target.path, place
+        )
+    if left_out:
+        part.notes.append(
+            f"{file.name}: {left_out} animation channels of morph weights or other properties are left out"
+        )
+    return {index: _animated_node(file, index, tracks) for index, tracks in paths.items()}
+
+
+def _track(file: _File, sampler: _AnimationSampler, path: str, place: str) -> Track:
+    """One property's keys; the other properties of the track are at rest."""
+    times = _attribute(file, sampler.input, "SCALAR", f"{place}.input").astype(np.float64)[:, 0]
+    if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
+        raise file.error(
+            f"{place}.input", "has times that do not ascend; expected finite seconds, each above the one before"
+        )
+    values = _attribute(file, sampler.output, _MOVED[path], f"{place}.output").astype(np.float64)
+    pieces = 3 if sampler.interpolation == "CUBICSPLINE" else 1
+    if len(values) != pieces * len(times):
+        raise file.error(
+            f"{place}.output", f"has {len(values)} elements; expected {pieces} for each of {len(times)} times"
+        )
+    if not np.isfinite(values).all():
+        raise file.error(f"{place}.output", "has values that are not finite")
+    if pieces == 3:
+        times, values = _sampled_spline(times, values)
+    if path == "rotation":
+        length = np.linalg.norm(values, axis=1, keepdims=True)
+        if not (length > 0).all():
+            raise file.error(f"{place}.output", "has a rotation of 0, 0, 0, 0; expected unit quaternions")
+        values = values / length
+    if path == "scale":
+        least = _LEAST_SCALE * max(np.abs(values).max(), _LEAST_SCALE)
+        values = np.where(np.abs(values) < least, np.copysign(least, values), values)
+    rest = np.ones((len(times), 1))
+    fields = {
+        "translation": 0.0 * rest * np.ones(3),
+        "rotation": rest * [0.0, 0.0, 0.0, 1.0],
+        "scale": rest * np.ones(3),
+    }
+    return Track(times, **(fields | {path: values}), step=sampler.interpolation == "STEP")
+
+
+def _sampled_spline(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Keys on a cubic spline of in-tangent, value and out-tangent for each time (appendix C.4)."""
+    arriving, value, leaving = values[0::3], values[1::3], values[2::3]
+    if len(times) == 1:
+        return times, value
+    t = (np.arange(_SPLINE_STEPS) / _SPLINE_STEPS)[:, None]
+    span = np.diff(times)[:, None, None]
+    start, end = value[:-1, None], value[1:, None]
+    curve = (2 * t**3 - 3 * t**2 + 1) * start + (3 * t**2 - 2 * t**3) * end
+    curve = curve + span * ((t**3 - 2 * t**2 + t) * leaving[:-1, None] + (t**3 - t**2) * arriving[1:, None])
+    at = (times[:-1, None] + np.diff(times)[:, None] * t[:, 0]).ravel()
+    return np.append(at, times[-1]), np.concatenate([curve.reshape(-1, value.shape[1]), value[-1:]])
+
+
+def _animated_node(file: _File, index: int, tracks: dict[str, Track]) -> Chain:
+    """Translation, rotation and scale of a node: one track where they share their times, else one for each that moves."""
+    node = file.document.nodes[index]
+    at_rest = {"translation": node.translation, "rotation": node.rotation, "scale": node.scale}
+    if not any(node.rotation):
+        raise file.error(f"nodes[{index}]", "rotation is 0, 0, 0, 0; expected a unit quaternion")
+    first = next(iter(tracks.values()))
+    if all(np.array_equal(t.times, first.times) and t.step == first.step for t in tracks.values()):
+        moved = {path: getattr(track, path) for path, track in tracks.items()}
+        still = {path: np.tile(np.array(rest, np.float64), (len(first.times), 1)) for path, rest in at_rest.items()}
+        still["rotation"] /= np.linalg.norm(still["rotation"], axis=1, keepdims=True)
+        return (Track(first.times, **(still | moved), step=first.step),)
+    fixed = {
+        "translation": np.column_stack([np.eye(3), node.translation]),
+        "rotation": np.column_stack([rotation_matrix(node.rotation), np.zeros(3)]),
+        "scale": np.column_stack([np.diag(node.scale), np.zeros(3)]),
+    }
+    return tuple(tracks.get(path, fixed[path]) for path in at_rest)
 
 
 # Materials
 
 
+_TextureKey = tuple[int, bool, tuple[str, str]]
+
+
 def _add_materials(file: _File, part: Part) -> None:
     """Materials in the file's order, then the default one (3.9.6) for primitives that name none."""
-    textures: dict[tuple[int, tuple[str, str]], int] = {}
+    textures: dict[_TextureKey, int] = {}
     for index, material in enumerate(file.document.materials):
-        place = f"materials[{index}]"
-        pbr = material.pbr_metallic_roughness
-        strength = 1.0
-        if "KHR_materials_emissive_strength" in material.extensions:
-            extension = material.extensions["KHR_materials_emissive_strength"]
-            where = f"{file.name}: {place}: KHR_materials_emissive_strength"
-            strength = _checked(_EmissiveStrength, extension, where).emissive_strength
-        texture = NO_TEXTURE
-        if pbr.base_color_texture is not None:
-            texture = _add_texture(file, part, textures, pbr.base_color_texture.index, f"{place}.baseColorTexture")
-        emission = tuple(strength * e for e in material.emissive_factor)
-        part.materials.append(Material(material.name or place, tuple(pbr.base_color_factor[:3]), texture, emission))
-    part.materials.append(Material("default", (1.0, 1.0, 1.0)))
+        part.materials.append(_material(file, part, textures, material, f"materials[{index}]"))
+    part.materials.append(Material("default", (1.0, 1.0, 1.0), metallic=1.0, specular=1.0, double_sided=False))
     _note_materials(file, part)
+
+
+def _material(file: _File, part: Part, textures: dict[_TextureKey, int], material: _Material, place: str) -> Material:
+    pbr = material.pbr_metallic_roughness
+    extensions = {
+        name: _checked(kind, material.extensions[name], f"{file.name}: {place}: {name}")
+        for name, kind in _READ_OF_MATERIALS.items()
+        if name in material.extensions
+    }
+    glow = extensions.get("KHR_materials_emissive_strength", _EmissiveStrength())
+    specular = extensions.get("KHR_materials_specular", _Specular())
+    ior = extensions.get("KHR_materials_ior", _Ior()).ior
+    if 0 < ior < 1:
+        raise file.error(place, f"KHR_materials_ior: ior is {ior}; expected 0, or a number from 1 up")
+    volume = extensions.get("KHR_materials_volume", _Volume())
+    uv_set = _uv_set(file, material, place)
+
+    def use(info: _TextureInfo | None, what: str, srgb: bool) -> TextureUse | None:
+        if info is None:
+            return None
+        transform = _texture_transform(file, info, f"{place}.{what}")
+        if _uv_set_of(info, transform) != uv_set:
+            part.notes.append(
+                f"{file.name}: {place}: {what} is left out: it has other texture coordinates than the first one"
+            )
+            return None
+        texture = _add_texture(file, part, textures, info.index, srgb, f"{place}.{what}")
+        return TextureUse(texture, uv_transform(tuple(transform.offset), transform.rotation, tuple(transform.scale)))
+
+    is_lit = any(material.emissive_factor)
+    return Material(
+        name=material.name or place,
+        base_color=tuple(pbr.base_color_factor[:3]),
+        base_color_texture=use(pbr.base_color_texture, "baseColorTexture", True),
+        alpha=1.0 if material.alpha_mode == "OPAQUE" else pbr.base_color_factor[3],
+        alpha_cutoff={"OPAQUE": None, "MASK": material.alpha_cutoff, "BLEND": 0.5}[material.alpha_mode],
+        metallic=pbr.metallic_factor,
+        roughness=pbr.roughness_factor,
+        metallic_roughness_texture=use(pbr.metallic_roughness_texture, "metallicRoughnessTexture", False),
+        specular=specular.specular_factor,
+        specular_color=tuple(specular.specular_color_factor),
+        ior=ior or _INFINITE_IOR,
+        transmission=extensions.get("KHR_materials_transmission", _Transmission()).transmission_factor,
+        thin="KHR_materials_transmission" in extensions and volume.thickness_factor == 0,
+        emission=tuple(glow.emissive_strength * e for e in material.emissive_factor),
+        emission_texture=use(material.emissive_texture, "emissiveTexture", True) if is_lit else None,
+        normal_texture=use(material.normal_texture, "normalTexture", False),
+        normal_scale=material.normal_texture.scale if material.normal_texture is not None else 1.0,
+        double_sided=material.double_sided,
+    )
+
+
+def _texture_transform(file: _File, info: _TextureInfo, place: str) -> _TextureTransform:
+    where = f"{file.name}: {place}: KHR_texture_transform"
+    return _checked(_TextureTransform, info.extensions.get("KHR_texture_transform", {}), where)
+
+
+def _uv_set_of(info: _TextureInfo, transform: _TextureTransform) -> int:
+    return info.tex_coord if transform.tex_coord is None else transform.tex_coord
+
+
+def _uv_set(file: _File, material: _Material, place: str) -> int:
+    """Which texture coordinates a material's meshes keep: those of its first texture."""
+    pbr = material.pbr_metallic_roughness
+    infos = {
+        "baseColorTexture": pbr.base_color_texture,
+        "metallicRoughnessTexture": pbr.metallic_roughness_texture,
+        "emissiveTexture": material.emissive_texture,
+        "normalTexture": material.normal_texture,
+    }
+    for what, info in infos.items():
+        if info is not None:
+            return _uv_set_of(info, _texture_transform(file, info, f"{place}.{what}"))
+    return 0
 
 
 def _note_materials(file: _File, part: Part) -> None:
     materials = file.document.materials
+    unread = Counter(e for m in materials for e in m.extensions if e not in _READ_OF_MATERIALS)
     features = {
-        "materials with metalness, roughness below 1, transmission or other extensions are rendered as Lambertian": sum(
-            m.pbr_metallic_roughness.metallic_factor > 0
-            or m.pbr_metallic_roughness.roughness_factor < 1
-            or any(e.startswith(_MATERIAL_EXTENSIONS) for e in m.extensions if e not in _READ_EXTENSIONS)
+        "materials blend by their alpha; below 0.5 they are left out, above they are opaque": sum(
+            m.alpha_mode == "BLEND" for m in materials
+        ),
+        "materials have textures of specular reflection or transmission, which are left out": sum(
+            "texture" in key.lower()
             for m in materials
+            for name in ("KHR_materials_specular", "KHR_materials_transmission")
+            for key in m.extensions.get(name, {})
         ),
-        "normal maps are left out": sum(m.normal_texture is not None for m in materials),
-        "emissive textures are left out; the emissive factor holds all over": sum(
-            m.emissive_texture is not None and any(m.emissive_factor) for m in materials
+        "materials absorb light inside (KHR_materials_volume), which is left out": sum(
+            "attenuationDistance" in m.extensions.get("KHR_materials_volume", {}) for m in materials
         ),
-        "materials with transparency are rendered opaque": sum(m.alpha_mode != "OPAQUE" for m in materials),
-        "texture transforms are left out": sum(
-            info is not None and "KHR_texture_transform" in info.extensions
-            for info in (m.pbr_metallic_roughness.base_color_texture for m in materials)
-        ),
-    }
+        "materials are lit although the file asks for none (KHR_materials_unlit)": unread.pop("KHR_materials_unlit", 0),
+    } | {f"materials use {extension}, which is left out": count for extension, count in unread.items()}
     part.notes += [f"{file.name}: {count} {what}" for what, count in features.items() if count]
 
 
-def _add_texture(
-    file: _File, part: Part, textures: dict[tuple[int, tuple[str, str]], int], index: int, place: str
-) -> int:
-    """The index in the part of a glTF texture; the same picture with the same wrap modes is one texture."""
+def _add_texture(file: _File, part: Part, textures: dict[_TextureKey, int], index: int, srgb: bool, place: str) -> int:
+    """The index in the part of a glTF texture; the same picture, read and wrapped the same way, is one texture."""
     texture = file.item(file.document.textures, index, place, "textures")
     if texture.source is None:
         raise file.error(f"textures[{index}]", "has no source that can be read; expected a PNG or JPEG picture")
@@ -446,14 +696,14 @@ def _add_texture(
     if texture.sampler is not None:
         sampler = file.item(file.document.samplers, texture.sampler, f"textures[{index}]", "samplers")
     wrap = (_WRAPS[sampler.wrap_s], _WRAPS[sampler.wrap_t])
-    key = (texture.source, wrap)
+    key = (texture.source, srgb, wrap)
     if key not in textures:
         image = file.item(file.document.images, texture.source, f"textures[{index}]", "images")
         name = image.name or (
             image.uri if image.uri and not image.uri.startswith("data:") else f"images[{texture.source}]"
         )
         textures[key] = len(part.textures)
-        part.textures.append(Texture(name, _picture(file, texture.source, image), wrap))
+        part.textures.append(Texture(name, _picture(file, texture.source, image), srgb, wrap))
     return textures[key]
 
 
@@ -534,8 +784,7 @@ def _vertex_key(file: _File, primitive: _Primitive, material: int) -> tuple[int 
     """The accessors of positions, normals and uvs; primitives that agree in them share their vertices."""
     uv_set = 0
     if material < len(file.document.materials):
-        texture = file.document.materials[material].pbr_metallic_roughness.base_color_texture
-        uv_set = texture.tex_coord if texture is not None else 0
+        uv_set = _uv_set(file, file.document.materials[material], f"materials[{material}]")
     attributes = primitive.attributes
     return attributes.get("POSITION"), attributes.get("NORMAL"), attributes.get(f"TEXCOORD_{uv_set}")
 

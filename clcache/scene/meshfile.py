@@ -3,17 +3,19 @@
 import io
 import logging
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from PIL import Image
 from trimesh.exchange.load import mesh_formats
 from trimesh.resolvers import Resolver
 
 from ..errors import SceneError
 from .files import Folder, read_bytes
-from .model import NO_TEXTURE, Instance, Material, Texture
-from .mtl import MtlMaterial, read_mtl
+from .model import Instance, Material, Texture, TextureUse
+from .mtl import MapStatement, MtlMaterial, read_mtl, to_material
 from .part import Part
 from .textures import read_picture
 from .validate import check_transform, make_mesh
@@ -126,7 +128,7 @@ def _add_ply_texture(part: Part, data: bytes, path: Path, name: str, folder: Fol
         reference = comment[1].decode("utf-8", "replace")
         file = folder.find(reference, path, f"{name}: TextureFile")
         part.textures.append(Texture(reference, read_picture(file, f"{name}: TextureFile {reference!r}")))
-        part.materials[0] = Material("default", (1.0, 1.0, 1.0), 0)
+        part.materials[0] = Material("default", (1.0, 1.0, 1.0), TextureUse(0))
 
 
 def _check_count(data: bytes, declaration: bytes, scene: trimesh.Scene, name: str) -> None:
@@ -154,24 +156,54 @@ def _obj_materials(text: str, path: Path, name: str, folder: Folder) -> dict[str
 
 def _add_materials(part: Part, materials: dict[str, MtlMaterial], folder: Folder, name: str) -> dict[str, int]:
     """Add the materials with their textures; returns their indices by name."""
-    textures: dict[tuple[Path, bool], int] = {}
+    textures: dict[tuple, int] = {}
+
+    def use(
+        beside: Path, statement: MapStatement | None, srgb: bool, mask: MapStatement | None = None
+    ) -> TextureUse | None:
+        source = statement or mask
+        if source is None:
+            return None
+        file = folder.find(statement.picture, beside, statement.where) if statement else None
+        mask_file = folder.find(mask.picture, beside, mask.where) if mask else None
+        key = (file, mask_file, srgb, source.clamp)
+        if key not in textures:
+            pixels = None if file is None else read_picture(file, f"{statement.where}: {statement.picture!r}")
+            if mask_file is not None:
+                pixels = _masked(pixels, read_picture(mask_file, f"{mask.where}: {mask.picture!r}"))
+            wrap = ("clamp", "clamp") if source.clamp else ("repeat", "repeat")
+            textures[key] = len(part.textures)
+            part.textures.append(Texture(source.picture, pixels, srgb, wrap))
+        return TextureUse(textures[key], source.transform)
+
     indices = {}
-    for key, material in materials.items():
-        texture = NO_TEXTURE
-        if material.picture is not None:
-            file = folder.find(material.picture, material.file, material.where)
-            if (file, material.clamp) not in textures:
-                textures[file, material.clamp] = len(part.textures)
-                wrap = ("clamp", "clamp") if material.clamp else ("repeat", "repeat")
-                pixels = read_picture(file, f"{material.where}: {material.picture!r}")
-                part.textures.append(Texture(material.picture, pixels, wrap))
-            texture = textures[file, material.clamp]
+    for key, mtl in materials.items():
         indices[key] = len(part.materials)
-        part.materials.append(Material(key, material.base_color, texture, material.emission))
-    count = sum(material.approximated for material in materials.values())
-    if count:
-        part.notes.append(f"{name}: {count} materials with transparency or metalness are rendered as Lambertian")
+        material = to_material(key, mtl)
+        lit = mtl.maps.get("map_ke")
+        part.materials.append(
+            replace(
+                material,
+                base_color_texture=use(mtl.file, mtl.maps.get("map_kd"), True, mtl.maps.get("map_d")),
+                emission_texture=use(mtl.file, lit, True),
+                emission=(1.0, 1.0, 1.0) if lit and "ke" not in mtl.colors else material.emission,
+                normal_texture=use(mtl.file, mtl.maps.get("norm"), False),
+            )
+        )
+    for what in sorted(set().union(*(mtl.unread for mtl in materials.values()))):
+        count = sum(what in mtl.unread for mtl in materials.values())
+        part.notes.append(f"{name}: {count} materials have {what}, which is left out")
     return indices
+
+
+def _masked(colors: np.ndarray | None, mask: np.ndarray) -> np.ndarray:
+    """Colours (white, if None) with the mask as alpha: its own alpha if it has any, else its brightness."""
+    alpha = mask[..., 3] if mask[..., 3].min() < 255 else mask[..., :3].max(axis=2)
+    if colors is None:
+        return np.dstack([np.full((*alpha.shape, 3), 255, np.uint8), alpha])
+    if colors.shape[:2] != alpha.shape:
+        alpha = np.asarray(Image.fromarray(alpha).resize((colors.shape[1], colors.shape[0]), Image.Resampling.BILINEAR))
+    return np.dstack([colors[..., :3], alpha])
 
 
 def _plain_obj(text: str) -> str:

@@ -100,6 +100,9 @@ class FileMesh(Table):
     file: str = Field(
         min_length=1, description="path beside the scene file; any mesh file that clcache renders by itself"
     )
+    animated: bool = Field(
+        True, description="whether the file's animation is played; otherwise it stands as at 0 seconds"
+    )
 
 
 class Sphere(Table):
@@ -167,8 +170,6 @@ class Hairball(Table):
 
 
 # The names of alternatives appear in the places of errors; none of them is also the name of a key.
-
-
 def _mesh_kind(table: Any) -> str | None:
     if not isinstance(table, dict):
         return None
@@ -194,57 +195,303 @@ MeshSource = Annotated[
 ]
 
 
-class InstanceTable(Placement):
+Seconds = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+def _ascending(keys: tuple) -> tuple:
+    for earlier, later in zip(keys[:-1], keys[1:], strict=True):
+        if later.time <= earlier.time:
+            raise PydanticCustomError(
+                "ascending",
+                "time {later} after {earlier}; expected times that ascend",
+                {"later": later.time, "earlier": earlier.time},
+            )
+    return keys
+
+
+class PlacementKey(Placement):
+    """Where something stands at a time; what it does not say is as in the table around it."""
+
+    time: Seconds = Field(description="seconds; keys ascend in time")
+
+    @model_validator(mode="after")
+    def _no_matrix(self) -> "PlacementKey":
+        if self.matrix:
+            raise PydanticCustomError(
+                "forms", "matrix cannot be interpolated; expected translation, rotation and scale"
+            )
+        return self
+
+
+class Moving(Table):
+    """Something with key frames."""
+
+    step: bool = Field(False, description="whether each key holds until the next, instead of moving on to it")
+
+
+class InstanceTable(Placement, Moving):
     """A mesh placed in the world."""
 
     mesh: str = Field(description="name of a table in [meshes]")
     material: str | None = Field(None, description="name of a table in [materials]; replaces the mesh's own materials")
+    keys: Annotated[list[PlacementKey], Field(min_length=1), AfterValidator(_ascending)] | None = Field(
+        None, description="{ time = seconds, translation, rotation or quaternion, scale }, ..."
+    )
+
+    @model_validator(mode="after")
+    def _keys_or_matrix(self) -> "InstanceTable":
+        if self.keys and self.matrix:
+            raise PydanticCustomError("forms", "matrix excludes keys; expected one form")
+        return self
+
+
+Wrap = Literal["repeat", "clamp", "mirror"]
+
+
+def _pair(value: Any) -> Any:
+    return [value] * 2 if isinstance(value, int | float | str) else value
+
+
+class TextureTable(Table):
+    """A picture and how texture coordinates find their place in it; a path alone stands for { file = path }."""
+
+    file: str = Field(min_length=1, description="path of a picture that Pillow reads")
+    wrap: Annotated[tuple[Wrap, Wrap], _list_of(2, "of repeat, clamp and mirror"), BeforeValidator(_pair)] = Field(
+        ("repeat", "repeat"), description="beyond the picture: repeat, clamp or mirror; one, or one for u and v each"
+    )
+    scale: Annotated[tuple[Coordinate, Coordinate], _list_of(2, "numbers"), BeforeValidator(_pair)] = Field(
+        (1.0, 1.0), description="of the texture coordinates: 2 shows the picture twice"
+    )
+    rotation: Coordinate = Field(0.0, description="of the scaled coordinates, degrees counter-clockwise in the picture")
+    offset: Annotated[tuple[Coordinate, Coordinate], _list_of(2, "numbers")] = Field(
+        (0.0, 0.0), description="added last, in pictures"
+    )
+
+
+def _path_or_table(value: Any) -> Any:
+    return {"file": value} if isinstance(value, str) else value
+
+
+TextureSource = Annotated[TextureTable, BeforeValidator(_path_or_table)]
 
 
 class MaterialTable(Table):
-    """A Lambertian surface."""
+    """A metallic-roughness surface, as glTF defines it; Lambertian where nothing but base_color is given."""
 
     base_color: Reflectance = (0.8, 0.8, 0.8)
-    base_color_texture: str | None = Field(
-        None, min_length=1, description="path of a picture; multiplied with base_color"
+    base_color_texture: TextureSource | None = Field(None, description="sRGB; multiplied with base_color")
+    alpha_cutoff: Fraction | None = Field(
+        None, description="there is no surface where the base colour's alpha is below"
     )
+    metallic: Fraction = 0.0
+    roughness: Fraction = Field(1.0, description="the square root of GGX's alpha; 0: a perfect mirror or window")
+    metallic_roughness_texture: TextureSource | None = Field(
+        None, description="blue multiplies metallic, green roughness"
+    )
+    specular: Fraction | None = Field(
+        None,
+        description="strength of a dielectric's reflection; default 1 if roughness, ior, specular_color or "
+        "metallic_roughness_texture is given, else 0",
+    )
+    specular_color: Reflectance = Field((1.0, 1.0, 1.0), description="tint of that reflection at normal incidence")
+    ior: Annotated[float, Field(ge=1, le=1e4)] = Field(1.5, description="refractive index")
+    transmission: Fraction = Field(0.0, description="part of the light that enters a dielectric that goes through")
+    thin: bool = Field(False, description="light goes straight through, as through a pane, instead of being refracted")
     emission: Radiance = Field((0.0, 0.0, 0.0), description="W / (m^2 sr)")
+    emission_texture: TextureSource | None = Field(None, description="sRGB; multiplied with emission")
+    normal_texture: TextureSource | None = Field(None, description="tangent-space normals, green up")
+    normal_scale: Coordinate = 1.0
+    double_sided: bool = Field(True, description="otherwise it is black and dark from behind")
+
+    @model_validator(mode="after")
+    def _something_to_multiply(self) -> "MaterialTable":
+        if self.emission_texture is not None and not any(self.emission):
+            raise PydanticCustomError(
+                "no_emission", "emission_texture is multiplied with emission, which is 0; expected both"
+            )
+        return self
+
+    @property
+    def reflection(self) -> float:
+        """`specular`, or its default."""
+        if self.specular is not None:
+            return self.specular
+        asked = {"roughness", "ior", "specular_color", "metallic_roughness_texture"} & self.model_fields_set
+        return 1.0 if asked else 0.0
 
 
-class PointTable(Table):
+class PointKey(Table):
+    """Where a point light is at a time."""
+
+    time: Seconds
+    position: Vector
+
+
+class DirectionKey(Table):
+    """Where a directional light shines at a time."""
+
+    time: Seconds
+    direction: Direction
+
+
+class SpotKey(Table):
+    """Where a spot light is and shines at a time."""
+
+    time: Seconds
+    position: Vector
+    direction: Direction
+
+
+class PointTable(Moving):
     """A point that radiates evenly."""
 
     type: Literal["point"]
-    position: Vector
+    position: Vector | None = None
     intensity: Radiance = Field(description="W / sr")
+    keys: Annotated[list[PointKey], Field(min_length=1), AfterValidator(_ascending)] | None = Field(
+        None, description="instead of position: { time, position }, ..."
+    )
+
+    _one_form = model_validator(mode="after")(lambda self: _keys_or(self, "position"))
 
 
-class DirectionalTable(Table):
+class DirectionalTable(Moving):
     """Parallel light, as from the sun."""
 
     type: Literal["directional"]
-    direction: Direction = Field(description="along which the light travels; any length but 0")
+    direction: Direction | None = Field(None, description="along which the light travels; any length but 0")
     irradiance: Radiance = Field(description="W / m^2 on a surface that faces the light")
+    keys: Annotated[list[DirectionKey], Field(min_length=1), AfterValidator(_ascending)] | None = Field(
+        None, description="instead of direction: { time, direction }, ..."
+    )
+
+    _one_form = model_validator(mode="after")(lambda self: _keys_or(self, "direction"))
+
+
+class SpotTable(Moving):
+    """A point that radiates into a cone."""
+
+    type: Literal["spot"]
+    position: Vector | None = None
+    direction: Direction | None = Field(None, description="the cone's axis; any length but 0")
+    intensity: Radiance = Field(description="W / sr, on the axis")
+    inner_angle: Annotated[float, Field(ge=0, lt=90)] = Field(
+        0.0, description="degrees from the axis up to which it is full"
+    )
+    outer_angle: Annotated[float, Field(gt=0, le=90)] = Field(
+        45.0, description="degrees from the axis past which it is 0"
+    )
+    keys: Annotated[list[SpotKey], Field(min_length=1), AfterValidator(_ascending)] | None = Field(
+        None, description="instead of position and direction: { time, position, direction }, ..."
+    )
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "SpotTable":
+        if self.inner_angle >= self.outer_angle:
+            raise PydanticCustomError(
+                "cone", "inner_angle is not below outer_angle; expected inner_angle < outer_angle"
+            )
+        return _keys_or(self, "position", "direction")
+
+
+def _keys_or(table: Any, *names: str) -> Any:
+    """The table, if it has either keys or all of the fields that they replace."""
+    given = [name for name in names if getattr(table, name) is not None]
+    if (table.keys is None and len(given) < len(names)) or (table.keys is not None and given):
+        raise PydanticCustomError("forms", "expected {names}, or keys", {"names": " and ".join(names)})
+    return table
 
 
 LightTable = Annotated[
-    Annotated[PointTable, Tag("point light")] | Annotated[DirectionalTable, Tag("directional light")],
+    Annotated[PointTable, Tag("point light")]
+    | Annotated[DirectionalTable, Tag("directional light")]
+    | Annotated[SpotTable, Tag("spot light")],
     Discriminator(
         _light_kind,
         custom_error_type="light_kind",
-        custom_error_message="expected type = point or directional",
+        custom_error_message="expected type = point, directional or spot",
     ),
 ]
 
 
+class ImageTable(Table):
+    """A picture of all directions, latitude by longitude: its top is +Y, its centre -Z, its right half +X; a path alone stands
+    for { file = path }."""
+
+    file: str = Field(min_length=1, description="path of an .exr or .hdr picture")
+    rotation: Coordinate = Field(0.0, description="about +Y, degrees counter-clockwise as seen from above")
+    scale: Strength = Field(1.0, description="what its values are multiplied with")
+
+
+class SkyTable(Table):
+    """A clear sky with its sun (Preetham et al. 1999)."""
+
+    turbidity: Annotated[float, Field(ge=1.7, le=10)] = Field(3.0, description="haze: 2 is very clear, 10 hazy")
+    sun_direction: Direction | None = Field(None, description="towards the sun; any length but 0")
+    elevation: Annotated[float, Field(le=90)] | None = Field(None, description="of the sun above the horizon, degrees")
+    azimuth: Coordinate = Field(0.0, description="of the sun, degrees from -Z towards +X")
+    scale: Strength = Field(1.0, description="what the radiance of sky and sun is multiplied with")
+    sun: bool = Field(True, description="whether the sun shines, as a directional light; it is never in the picture")
+    resolution: Annotated[int, Field(ge=8, le=4096, multiple_of=4)] = Field(
+        512, description="width of the sky's picture, pixels"
+    )
+
+    @model_validator(mode="after")
+    def _sun_above_horizon(self) -> "SkyTable":
+        if (self.sun_direction is None) == (self.elevation is None):
+            raise PydanticCustomError("forms", "expected sun_direction, or elevation with azimuth")
+        if self.sun_direction is not None and "azimuth" in self.model_fields_set:
+            raise PydanticCustomError("forms", "sun_direction excludes azimuth; expected one form")
+        if self.to_sun[1] <= 0:
+            raise PydanticCustomError("night", "the sun is not above the horizon; expected a sky by day")
+        return self
+
+    @property
+    def to_sun(self) -> tuple[float, float, float]:
+        """Unit vector to the sun."""
+        if self.sun_direction is not None:
+            return self.sun_direction
+        up, around = math.radians(self.elevation), math.radians(self.azimuth)
+        return math.cos(up) * math.sin(around), math.sin(up), -math.cos(up) * math.cos(around)
+
+
 class EnvironmentTable(Table):
-    """Light from all around, where no mesh is."""
+    """Light from all around, where no mesh is: of one colour, of a picture, or of a clear sky."""
 
-    color: Radiance = Field(description="W / (m^2 sr)")
+    color: Radiance | None = Field(None, description="W / (m^2 sr)")
+    image: Annotated[ImageTable, BeforeValidator(_path_or_table)] | None = None
+    sky: SkyTable | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "EnvironmentTable":
+        if sum(kind is not None for kind in (self.color, self.image, self.sky)) != 1:
+            raise PydanticCustomError("forms", "expected one of color, image and sky")
+        return self
 
 
-class CameraTable(Table):
-    """A pinhole camera, placed by position with look_at, or by a pose whose -Z axis it looks along."""
+class CameraKey(Table):
+    """Where the camera is at a time, and either the point that it looks at, or its rotation; what it does not say is as in
+    [camera]."""
+
+    time: Seconds
+    position: Vector | None = None
+    look_at: Vector | None = None
+    up: Vector | None = None
+    rotation: Rotation | None = Field(
+        None, description="{ axis = [x, y, z], degrees = a }, of a camera that looks along -Z"
+    )
+    quaternion: Quaternion | None = Field(None, description="rotation as [x, y, z, w]; any length but 0")
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "CameraKey":
+        if sum(form is not None for form in (self.look_at, self.rotation, self.quaternion)) > 1:
+            raise PydanticCustomError("forms", "look_at, rotation and quaternion exclude each other; expected one form")
+        return self
+
+
+class CameraTable(Moving):
+    """A pinhole camera: placed by position with look_at, or by a pose whose -Z axis it looks along; moved by keys, or by the
+    poses of a file."""
 
     position: Vector | None = None
     look_at: Vector | None = Field(None, description="the point in the middle of the picture")
@@ -252,15 +499,36 @@ class CameraTable(Table):
     pose: Annotated[tuple[Row, Row, Row], _list_of(3, "rows of 4 numbers")] | None = Field(
         None, description="3 rows of 4 numbers, camera to world, without scale"
     )
+    keys: Annotated[list[CameraKey], Field(min_length=1), AfterValidator(_ascending)] | None = Field(
+        None, description="{ time = seconds, position, look_at or rotation or quaternion }, ..."
+    )
+    poses: str | None = Field(None, min_length=1, description="path of a .csv file: time,px,py,pz,qx,qy,qz,qw")
     fov_y: Annotated[float, Field(gt=0, lt=180)] = Field(40.0, description="vertical field of view, degrees")
     near: Annotated[float, Field(ge=0, le=1e18)] = Field(0.0, description="metres along the viewing axis")
 
     @model_validator(mode="after")
     def _one_form(self) -> "CameraTable":
-        if (self.pose is None) == (self.position is None or self.look_at is None):
-            raise PydanticCustomError("forms", "expected position and look_at, or pose")
-        if self.pose is not None and (self.position or self.look_at or "up" in self.model_fields_set):
-            raise PydanticCustomError("forms", "pose excludes position, look_at and up")
+        if sum(form is not None for form in (self.pose, self.keys, self.poses)) > 1:
+            raise PydanticCustomError("forms", "pose, keys and poses exclude each other; expected one form")
+        placed = self.position is not None or self.look_at is not None or "up" in self.model_fields_set
+        if (
+            self.keys is None
+            and self.poses is None
+            and self.pose is None
+            and (self.position is None or self.look_at is None)
+        ):
+            raise PydanticCustomError("forms", "expected position and look_at, or pose, or keys, or poses")
+        if placed and (self.pose is not None or self.poses is not None):
+            raise PydanticCustomError("forms", "pose and poses exclude position, look_at and up")
+        for key in self.keys or ():
+            if key.position is None and self.position is None:
+                raise PydanticCustomError("forms", "keys: the key at {time} s has no position", {"time": key.time})
+            if self.look_at is None and key.look_at is None and key.rotation is None and key.quaternion is None:
+                raise PydanticCustomError(
+                    "forms",
+                    "keys: the key at {time} s has neither look_at nor rotation nor quaternion",
+                    {"time": key.time},
+                )
         return self
 
 

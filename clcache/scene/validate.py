@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 
 from ..errors import SceneError
-from .model import Mesh
+from .model import Mesh, Track
 
 ZERO_AREA = "zero-area triangles"
 
@@ -76,6 +76,11 @@ def check_transform(where: str, transform: np.ndarray) -> np.ndarray:
             f"{stretch[0]:.3g}, {stretch[1]:.3g}, {stretch[2]:.3g})"
         )
     return transform
+
+
+def check_chain(where: str, motion: tuple[Track | np.ndarray, ...]) -> tuple[Track | np.ndarray, ...]:
+    """The chain, if each fixed transform in it passes `check_transform`. Tracks are checked where they are made."""
+    return tuple(link if isinstance(link, Track) else check_transform(where, link) for link in motion)
 
 
 def _finite(where: str, what: str, values: np.ndarray, width: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from clcache.bvh import SceneTrees
 from clcache.bvh.build import LEAF_SIZE
-from clcache.scene.geometry import Geometry, instance_bounds
+from clcache.scene.geometry import NONE, Geometry, instance_bounds
 
 # Levels that the stacks of cl/bvh/trace.cl have room for.
 MAX_DEPTH = 96
@@ -88,9 +88,9 @@ def check_tree(nodes, root, root_count, low, high, leaf_size):
 @pytest.mark.parametrize("name", SCENES)
 def test_trees_of_meshes(device, name):
     meshes = SCENES[name]()
-    geometry = Geometry.of(make_scene(*meshes))
-    trees = SceneTrees(device, geometry)
-    nodes, leaves, records = trees.nodes.get(), trees.leaves.get(), trees.instances.get()
+    trees = SceneTrees(device, Geometry.of(make_scene(*meshes)), moves=np.ones(len(meshes), bool))
+    geometry = trees.merged.geometry
+    nodes, leaves, records = trees.nodes.get(), trees.leaves.get(), trees.placed.get()
     assert len(nodes) == len(geometry.triangles) - 1
     corners = leaves[:, :, :3]
     number = leaves[:, 0, 3].copy().view(np.uint32)
@@ -106,6 +106,27 @@ def test_trees_of_meshes(device, name):
         np.testing.assert_array_equal(records["low"][k], corners[begin:end].min(axis=(0, 1)))
         np.testing.assert_array_equal(records["high"][k], corners[begin:end].max(axis=(0, 1)))
         assert records["first_triangle"][k] == begin
+        assert records["number"][k] == k
+        assert (leaves[begin:end, 1, 3].copy().view(np.uint32) == NONE).all()
+
+
+def test_meshes_that_stand_alone_are_one(device):
+    """Two meshes that are placed once join in world space; one that moves and one that is placed twice stay apart."""
+    meshes = [soup(7, 1), soup(20, 2), soup(5, 3), soup(6, 4)]
+    shift = np.column_stack([np.diag([2.0, 1.0, -1.0]), [1.0, 2.0, 3.0]])
+    scene = make_scene(*meshes, instances=[(1, shift), (3, IDENTITY), (0, IDENTITY), (2, IDENTITY), (2, shift)])
+    trees = SceneTrees(device, Geometry.of(scene), moves=np.array([False, True, False, False, False]))
+    placed, leaves = trees.placed.get(), trees.leaves.get()
+    assert placed["number"].tolist() == [NONE, 1, 3, 4]
+    np.testing.assert_array_equal(placed["to_object"][0], np.eye(3, 4).ravel())
+    names = leaves[:27, :2, 3].copy().view(np.uint32)
+    assert sorted(map(tuple, names)) == sorted([(k, 0) for k in range(20)] + [(k, 2) for k in range(7)])
+    for (primitive, instance), corners in zip(names, leaves[:27, :, :3], strict=True):
+        mesh = meshes[1 if instance == 0 else 0]
+        local = mesh.positions[mesh.triangles[primitive]].astype(float)
+        world = local @ shift[:, :3].T + shift[:, 3] if instance == 0 else local
+        np.testing.assert_array_equal(corners, world.astype(np.float32))
+    assert (leaves[27:, 1, 3].copy().view(np.uint32) == NONE).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 64, 1000])
@@ -113,7 +134,7 @@ def test_tree_of_instances(device, count):
     rng = np.random.default_rng(count)
     matrices = [np.column_stack([np.eye(3) * rng.uniform(0.1, 2), rng.uniform(-9, 9, 3)]) for _ in range(count)]
     geometry = Geometry.of(make_scene(soup(5, 1), cube(), instances=[(k % 2, m) for k, m in enumerate(matrices)]))
-    trees = SceneTrees(device, geometry)
+    trees = SceneTrees(device, geometry, moves=np.ones(count, bool))
     order = trees.top_order.get()
     low, high = instance_bounds(geometry)
     covered, depth = check_tree(trees.top_nodes.get(), trees.top_root, count == 1, low[order], high[order], leaf_size=1)
@@ -220,7 +241,7 @@ def test_points_on_the_far_side_of_the_bounds_stay_in_the_last_cell(device):
 def test_build_does_not_depend_on_the_work_group_size(device, other_groups):
     geometry = Geometry.of(make_scene(blob(3), twins(100), soup(33, 9)))
     first, second = (SceneTrees(d, geometry) for d in (device, other_groups))
-    for name in ("nodes", "leaves", "top_nodes", "top_order", "instances", "bounds"):
+    for name in ("nodes", "leaves", "top_nodes", "top_order", "placed", "bounds"):
         assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes(), name
 
 
@@ -235,4 +256,4 @@ def test_nearby_triangles_share_subtrees(device):
 def test_build_gives_back_what_it_needs_no_more(device):
     before = device.allocated
     trees = SceneTrees(device, Geometry.of(make_scene(blob(3), cube())))
-    assert device.allocated - before == trees.nbytes + trees.positions.nbytes + trees.triangles.nbytes
+    assert device.allocated - before == trees.nbytes

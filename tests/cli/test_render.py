@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from clcache.cli import main, render, terminal
 from clcache.errors import DeviceError, SceneError
+from clcache.output.read import read_picture
 from clcache.scene.model import Camera, Defaults, Scene
 
 CAMERA = Camera(np.eye(4)[:3], 0.8)
@@ -32,7 +33,7 @@ class FakeFrame:
         self.stats = {
             "frame": number,
             "seconds": 0.5,
-            "eyes": {eye: {"passes": {}, "rays": rays, "cache": {}} for eye in eyes},
+            "eyes": {eye: {"passes": {}, "rays": rays, "cache": {}, "spp": 2 + i} for i, eye in enumerate(eyes)},
         }
 
     def aov(self, name, eye):
@@ -41,10 +42,12 @@ class FakeFrame:
 
 
 class FakeRenderer:
-    """Takes what the real one takes, and yields grey frames. `options` are the latest's; `stop` ends the frame of that number."""
+    """Takes what the real one takes, and yields grey frames. `options` are the latest's; `stop` ends the frame of that number;
+    `errors` are the eyes' estimated relMSE."""
 
     options = None
     stop: dict = {}
+    errors: tuple = ()
 
     def __init__(self, scene, **options):
         FakeRenderer.options = {"scene": scene, **options}
@@ -70,7 +73,10 @@ class FakeRenderer:
             progress(0.5)
             if number in self.stop:
                 raise self.stop[number]
-            yield FakeFrame(number, self.eyes, self.size)
+            frame = FakeFrame(number, self.eyes, self.size)
+            for eye, error in zip(frame.stats["eyes"].values(), self.errors, strict=False):
+                eye["estimated_relmse"] = error
+            yield frame
 
 
 @pytest.fixture
@@ -112,7 +118,7 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
     assert main(["render", "rooms/scene.toml"]) == 0
     options = FakeRenderer.options
     assert options["scene"] is project.scene
-    for name in ("method", "size", "stereo", "seed", "spp", "device", "threads"):
+    for name in ("method", "size", "stereo", "seed", "spp", "until_relmse", "device", "threads"):
         assert options[name] is None
     assert (options["settings"], options["aovs"]) == ({}, ("albedo", "N", "Z"))
     assert project.allow_outside is False
@@ -139,6 +145,30 @@ def test_what_is_given_reaches_the_renderer(project):
         assert {"R", "right.R", "right.Z", "N.right.X"} <= set(file.channels())
         assert not any(name.startswith("albedo") for name in file.channels())
         assert file.header()["framesPerSecond"] == 60
+
+
+def test_every_view_says_how_many_samples_it_has(project, capsys):
+    assert main(["render", "s.toml", "--stereo", "--frames", "0:1", "-o", "o"]) == 0
+    with OpenEXR.File("o/frame_0000.exr", header_only=True) as file:
+        assert (file.header()["spp"], file.header()["right.spp"]) == (2, 3)
+    assert capsys.readouterr().out.startswith("o: 1 frame of 6x4 (left, right), 2 to 3 spp: 0.50 s")
+
+
+@pytest.mark.parametrize("error", [0.03, None])
+def test_until_an_error_is_reached(project, capsys, monkeypatch, error):
+    monkeypatch.setattr(FakeRenderer, "errors", (0.002, error))
+    assert main(["render", "s.toml", "--stereo", "-o", "o", "--until-relmse", "2e-3", "--stats", "s.json"]) == 0
+    assert FakeRenderer.options["until_relmse"] == 0.002
+    captured = capsys.readouterr()
+    said = "0.002 to 0.03" if error else "0.002"
+    assert captured.out.startswith(f"o: 2 frames of 6x4 (left, right), 2 to 3 spp, estimated relMSE {said}: 1.00 s")
+    note = "note: 2 of 4 pictures have all samples that --spp allows and an estimated relMSE above 0.002"
+    assert captured.err.splitlines()[-1] == note
+    eyes = json.loads(Path("s.json").read_text())["frames"][1]["eyes"]
+    assert [(eye["spp"], eye["estimated_relmse"]) for eye in eyes.values()] == [(2, 0.002), (3, error)]
+    monkeypatch.setattr(FakeRenderer, "errors", (0.002, 0.001))
+    assert main(["render", "s.toml", "--stereo", "-o", "o", "--until-relmse", "2e-3"]) == 0
+    assert "note" not in capsys.readouterr().err
 
 
 def test_one_eye_can_be_asked_for(project):
@@ -194,13 +224,16 @@ def test_notes_and_what_was_dropped_are_said_on_a_line_each(project, capsys):
         ("--fps inf", "--fps"),
         ("--spp 0", "--spp"),
         ("--spp 1.5", "--spp"),
+        ("--until-relmse 0", "--until-relmse"),
+        ("--until-relmse nan", "--until-relmse"),
+        ("--until-relmse inf", "--until-relmse"),
         ("--seed -1", "--seed"),
         ("--seed " + "9" * 5000, "--seed"),
         ("--threads 0", "--threads"),
         ("--set pathtrace.bounces", "KEY=VALUE"),
         ("--set pathtrace.bounce=3", "did you mean pathtrace.bounces"),
         ("--set pathtrace.bounces=many", "0 .. 64"),
-        ("--aov depth", "albedo, N, Z"),
+        ("--aov depth", "albedo, N, variance, samples, Z"),
         ("--stereo --mono", "--stereo"),
         ("--stere", "--stere"),
         ("--no-such-option", "--no-such-option"),
@@ -289,18 +322,56 @@ def test_a_scene_becomes_files_on_a_device(tmp_path, monkeypatch, capsys):
     (frame,) = stats["frames"]
     assert set(frame) == {"frame", "seconds", "eyes"} and set(frame["eyes"]) == {"left", "right"}
     for eye in frame["eyes"].values():
-        assert set(eye) == {"passes", "rays", "cache"}
+        assert set(eye) == {"passes", "rays", "cache", "spp"}
         assert set(eye["rays"]) == {"primary", "secondary", "shadow"}
         assert eye["rays"]["primary"] == 16 * 9 * 2
 
 
 @pytest.mark.parametrize(
     "option",
-    ["--size=1000000000x1000000000", "--seed=18446744073709551616", "--spp=99999999999", "--method=magic"],
+    [
+        "--until-relmse=0.1 --spp=1",
+        "--size=1000000000x1000000000",
+        "--seed=18446744073709551616",
+        "--spp=99999999999",
+        "--method=magic",
+    ],
 )
 def test_what_only_the_renderer_can_refuse_is_one_line_too(tmp_path, monkeypatch, capsys, option):
     monkeypatch.chdir(tmp_path)
-    refused(capsys, CORNELL, option)
+    refused(capsys, CORNELL, *option.split())
+
+
+def test_a_goal_for_the_error_is_reached_by_real_samples(tmp_path, monkeypatch, capsys):
+    """The files hold, and say, the samples that were taken; the error is what their variance and colour say."""
+    monkeypatch.chdir(tmp_path)
+    arguments = "--size 16x9 --until-relmse 0.03 -o o --stats s.json --aov variance,samples --set pathtrace.bounces=0"
+    assert main(["render", CORNELL, *arguments.split()]) == 0
+    eyes = json.loads(Path("s.json").read_text())["frames"][0]["eyes"]
+    picture = read_picture("o/frame_0000.exr")
+    with OpenEXR.File("o/frame_0000.exr", header_only=True) as file:
+        spp = dict(zip(("left", "right"), (file.header()["spp"], file.header()["right.spp"]), strict=True))
+    for view, eye in eyes.items():
+        assert eye["spp"] == spp[view] > 16 and (picture.channels[view]["samples"] == spp[view]).all()
+        assert eye["rays"]["primary"] == 16 * 9 * spp[view]
+        variance = np.stack([picture.channels[view][f"variance.{c}"] for c in "RGB"], axis=-1)
+        expected = np.mean(variance / (picture.color[view].astype(np.float64) ** 2 + 0.01))
+        assert eye["estimated_relmse"] == pytest.approx(expected, rel=1e-5)
+        assert 0 < expected <= 0.03
+    assert f"{min(spp.values())}" in capsys.readouterr().out
+
+
+def test_an_error_that_cannot_be_estimated_is_not_reached(tmp_path, monkeypatch, capsys):
+    """The squares of this light overflow: all samples are taken, and the statistics hold no number that JSON lacks."""
+    monkeypatch.chdir(tmp_path)
+    lamp = '[[lights]]\ntype = "point"\nposition = [0, 3, 0]\nintensity = [1e25, 1e25, 1e25]\n'
+    ground = '[meshes.g]\ngenerator = "plane"\n[[instances]]\nmesh = "g"\n'
+    Path("s.toml").write_text(f"{ground}{lamp}[camera]\nposition = [0, 2, 2]\nlook_at = [0, 0, 0]\n")
+    arguments = "--size 4x4 --until-relmse 0.1 --spp 20 --mono -o o --stats s.json"
+    assert main(["render", "s.toml", *arguments.split()]) == 0
+    eye = json.loads(Path("s.json").read_text())["frames"][0]["eyes"]["mono"]
+    assert (eye["spp"], eye["estimated_relmse"]) == (20, None)
+    assert "note: 1 of 1 pictures have all samples" in capsys.readouterr().err
 
 
 class Terminal(io.StringIO):
@@ -322,6 +393,20 @@ def test_a_terminal_sees_kernels_then_a_bar_over_all_samples(monkeypatch):
     assert "compiling 1: trace [" in shown and "compiling 2: shade [" in shown
     assert "100%" in shown and "1.00M/1.00M" in shown and "sample/s" in shown
     assert "frame 0" not in shown and "\x1b[A" not in shown  # one bar at a time, and no lines
+
+
+def test_a_bar_shows_the_way_to_a_goal_where_the_samples_are_not_known(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with terminal.Progress() as progress:
+        progress.start(2, None)
+        progress.part_of_frame(0.5)
+        progress._bar.refresh()
+        progress.part_of_frame(0.4)  # the estimate of the error has grown
+        progress.frame_done(FakeFrame(0, ("mono",), (1, 1)))
+        progress.frame_done(FakeFrame(1, ("mono",), (1, 1)))
+    shown = screen.getvalue()
+    assert " 25%" in shown and "100%" in shown and "sample" not in shown
 
 
 def test_elsewhere_a_line_says_the_time_left(monkeypatch, capsys):

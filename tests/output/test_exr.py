@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clcache.output.aov import AOVS
-from clcache.output.exr import COLOR_CHANNELS, name_in_view, provenance, world_to_camera, write_exr
+from clcache.output.exr import COLOR_CHANNELS, name_in_view, provenance, sample_counts, world_to_camera, write_exr
 from clcache.scene.model import Camera, Defaults, Scene
+from clcache.version import __version__
 
 VIEWS = ["left", "right"]
+SPP = {"left": 16, "right": 17}
 STATS = {
-    "version": "1.2",
     "method": "pathtrace",
     "settings": {"pathtrace.bounces": 3},
     "seed": 2**64 - 1,
-    "spp": 16,
 }
 # At (1, 2, 3), looking along +X with +Y up: the camera's axes -Z, Y and X are the world's X, Y and Z.
 TRANSFORM = np.array([[0.0, 0.0, -1.0, 1.0], [0.0, 1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 3.0]])
@@ -54,7 +54,7 @@ class FrameOf:
 def attributes(scene_file="data/cornell/scene.toml"):
     camera = Camera(TRANSFORM, 0.8)
     scene = Scene(scene_file, (), (), (), (), (), (0.0, 0.0, 0.0), camera, Defaults(fps=24000 / 1001))
-    return provenance(scene, STATS)
+    return provenance(scene, STATS) | sample_counts(SPP)
 
 
 def written(path, frame, aovs=tuple(AOVS)):
@@ -77,7 +77,8 @@ def view_and_name(channel):
 def test_mono_file_has_the_conventional_names_and_every_bit(tmp_path):
     frame = FrameOf(["mono"])
     header, channels = written(tmp_path / "f.exr", frame)
-    assert set(channels) == {"R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z", "Z"}
+    names = {"R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z", "Z"}
+    assert set(channels) == names | {"variance.R", "variance.G", "variance.B", "samples"}
     assert "multiView" not in header and "eyeDistance" not in header
     for i, name in enumerate(COLOR_CHANNELS):
         np.testing.assert_array_equal(channels[name], frame.color["mono"][..., i])
@@ -123,12 +124,12 @@ def test_only_the_aovs_asked_for_are_written(tmp_path):
 def test_header_says_where_the_picture_comes_from(tmp_path):
     header, _ = written(tmp_path / "f.exr", FrameOf(VIEWS))
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
-    assert header["software"] == "clcache 1.2"
+    assert header["software"] == f"clcache {__version__}"
     assert header["scene"] == "data/cornell/scene.toml"
     assert header["method"] == "pathtrace"
     assert json.loads(header["settings"]) == {"pathtrace.bounces": 3}
     assert int(header["seed"]) == 2**64 - 1
-    assert (header["frame"], header["spp"]) == (7, 16)
+    assert (header["frame"], header["spp"], header["right.spp"]) == (7, 16, 17)
     assert header["framesPerSecond"] == Fraction(24000, 1001)
     assert header["eyeDistance"] == pytest.approx(0.1 * 3**0.5)
     assert (header["fovY"], header["right.fovY"]) == (pytest.approx(0.8), pytest.approx(1.8))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers import IDENTITY
-from render_helpers import ball, camera_rays, everything, floor, grey, lit, on_floor, render, view
+from render_helpers import MODELLED, ball, camera_rays, everything, floor, grey, lit, on_floor, render, view
 
 from clcache.scene.model import Material
 
@@ -19,7 +19,7 @@ def depth_of(camera, points):
 
 def test_plane():
     scene = lit(floor(), camera=CAMERA, materials=[Material("m", (0.8, 0.5, 0.2))])
-    frame = render(scene, SIZE, aovs=ALL)
+    frame = render(scene, SIZE, aovs=ALL, sampler=MODELLED)
     expected = depth_of(CAMERA, on_floor(CAMERA, SIZE))
     np.testing.assert_allclose(frame.aov("Z", "mono"), expected, rtol=1e-5)
     np.testing.assert_array_equal(frame.aov("N", "mono"), np.broadcast_to(np.float32([0, 1, 0]), (*SIZE[::-1], 3)))
@@ -31,12 +31,12 @@ def test_plane():
 def test_depth_is_measured_from_the_eye_whatever_the_near_plane():
     near = view((0.5, 2, 3), (0, 0, 0), 50, near=1.0)
     for camera in (CAMERA, near):
-        depth = render(lit(floor(), camera=camera), SIZE, aovs=("Z",)).aov("Z", "mono")
+        depth = render(lit(floor(), camera=camera), SIZE, aovs=("Z",), sampler=MODELLED).aov("Z", "mono")
         np.testing.assert_allclose(depth, depth_of(CAMERA, on_floor(CAMERA, SIZE)), rtol=1e-5)
 
 
 def test_depth_of_several_samples_is_that_of_the_nearest():
-    depth = render(lit(floor(), camera=CAMERA), SIZE, 5, aovs=("Z",)).aov("Z", "mono")
+    depth = render(lit(floor(), camera=CAMERA), SIZE, 5, aovs=("Z",), sampler=MODELLED).aov("Z", "mono")
     expected = [depth_of(CAMERA, on_floor(CAMERA, SIZE, sample=s)) for s in range(5)]
     np.testing.assert_allclose(depth, np.min(expected, axis=0), rtol=1e-5)
 
@@ -53,7 +53,7 @@ def sphere_hits(camera, centre, radius):
 @pytest.mark.parametrize("smooth", [True, False])
 def test_sphere(smooth):
     """A sphere of 20,480 triangles lies within 0.05 % of the round one, its corners' normals are exact."""
-    frame = render(lit(ball(1, 5, smooth=smooth), camera=CAMERA), SIZE, aovs=ALL)
+    frame = render(lit(ball(1, 5, smooth=smooth), camera=CAMERA), SIZE, aovs=ALL, sampler=MODELLED)
     distance, beside = sphere_hits(CAMERA, (0, 0, 0), 1.0)
     hit = np.isfinite(distance)
     sure = np.abs(beside - 1) > 2e-3
@@ -70,7 +70,8 @@ def test_sphere(smooth):
 def test_smooth_normals_are_smoother_than_triangles():
     deviations = []
     for smooth in (True, False):
-        normals = render(lit(ball(1, 2, smooth=smooth), camera=CAMERA), SIZE, aovs=("N",)).aov("N", "mono")
+        scene = lit(ball(1, 2, smooth=smooth), camera=CAMERA)
+        normals = render(scene, SIZE, aovs=("N",), sampler=MODELLED).aov("N", "mono")
         distance, beside = sphere_hits(CAMERA, (0, 0, 0), 1.0)
         origin, directions = camera_rays(CAMERA, SIZE)
         inner = beside < 0.9

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from helpers import make_mesh
-from render_helpers import camera_rays, lit, render, view
+from render_helpers import MODELLED, camera_rays, lit, render, view
 
 from clcache.scene.generators import plane
-from clcache.scene.model import WRAP_MODES, Camera, Material, Mesh, Texture
+from clcache.scene.model import WRAP_MODES, Camera, Material, Mesh, Texture, TextureUse
 
 SIDE = 64  # swatches in a row
 
@@ -68,13 +68,14 @@ def swatches(uvs: np.ndarray) -> tuple[Mesh, Camera, tuple[int, int]]:
 def lookups(texture: Texture, uvs: np.ndarray) -> np.ndarray:
     """(n, 3): the renderer's colour at each texture coordinate."""
     mesh, camera, size = swatches(uvs)
-    scene = lit(mesh, camera=camera, materials=[Material("m", (1.0, 1.0, 1.0), 0)], textures=[texture])
-    albedo = render(scene, size, aovs=("albedo",), bounces=0).aov("albedo", "mono")
+    scene = lit(mesh, camera=camera, materials=[Material("m", (1.0, 1.0, 1.0), TextureUse(0))], textures=[texture])
+    albedo = render(scene, size, aovs=("albedo",), bounces=0, sampler=MODELLED).aov("albedo", "mono")
     return albedo.reshape(-1, 3)[: len(uvs)]
 
 
 def random_texture(width, height, wrap=("repeat", "repeat"), seed=0):
-    return Texture("noise", np.random.default_rng(seed).integers(0, 256, (height, width, 4), dtype=np.uint8), wrap)
+    pixels = np.random.default_rng(seed).integers(0, 256, (height, width, 4), dtype=np.uint8)
+    return Texture("noise", pixels, wrap=wrap)
 
 
 def test_srgb_decoding_of_every_value():
@@ -154,12 +155,12 @@ def test_first_row_is_at_v_zero_and_first_column_at_u_zero():
 def test_several_textures_and_materials():
     """Each triangle has its own material; textures of different sizes lie one behind the other."""
     textures = [random_texture(3, 2, seed=1), random_texture(1, 1, seed=2), random_texture(4, 5, seed=3)]
-    materials = [Material("m", (1.0, 0.5, 0.25), k) for k in (2, 0, -1, 1)]
+    materials = [Material("m", (1.0, 0.5, 0.25), k if k is None else TextureUse(k)) for k in (2, 0, None, 1)]
     mesh, camera, size = swatches(np.tile([[0.3, 0.6]], (SIDE, 1)))
     material = np.repeat(np.arange(SIDE) % 4, 2).astype(np.uint32)
     mesh = Mesh("wall", mesh.positions, mesh.triangles, material, None, mesh.uvs)
     scene = lit(mesh, camera=camera, materials=materials, textures=textures)
-    albedo = render(scene, size, aovs=("albedo",), bounces=0).aov("albedo", "mono")[0]
+    albedo = render(scene, size, aovs=("albedo",), bounces=0, sampler=MODELLED).aov("albedo", "mono")[0]
     one = [bilinear(t, np.float32([[0.3, 0.6]]))[0] for t in textures]
     for column in range(SIDE):
         expected = np.array([1.0, 0.5, 0.25]) * [one[2], one[0], 1, one[1]][column % 4]
@@ -174,9 +175,9 @@ def test_coordinates_are_interpolated_over_a_triangle():
     uvs = (shape.positions[:, [0, 2]] + 1) / 2  # u to the right, v towards the camera's lower edge
     mesh = Mesh("m", mesh.positions, mesh.triangles, mesh.material, None, uvs.astype(np.float32))
     texture = random_texture(8, 8, ("clamp", "clamp"))
-    scene = lit(mesh, camera=camera, materials=[Material("m", (1.0, 1.0, 1.0), 0)], textures=[texture])
+    scene = lit(mesh, camera=camera, materials=[Material("m", (1.0, 1.0, 1.0), TextureUse(0))], textures=[texture])
     size = (40, 40)
-    albedo = render(scene, size, aovs=("albedo",), bounces=0).aov("albedo", "mono")
+    albedo = render(scene, size, aovs=("albedo",), bounces=0, sampler=MODELLED).aov("albedo", "mono")
     origin, directions = camera_rays(camera, size)
     points = (origin - directions * (origin[1] / directions[..., 1:2]))[..., [0, 2]]
     inside = np.abs(points).max(axis=-1) < 1 - 1e-5
@@ -192,7 +193,7 @@ def test_coordinates_that_are_no_color_of_a_mesh_without_texture():
     wall, _, _ = swatches(np.array([[0.5, 0.5]]))
     far = np.column_stack([np.eye(3), [0, 0, -500]])
     scene = lit(mesh, Mesh("w", wall.positions, wall.triangles, wall.material + np.uint32(1), None, wall.uvs),
-                camera=view((0, 2, 0.1), (0, 0, 0)), materials=[Material("plain", (0.2, 0.4, 0.6)), Material("t", (1.0, 1.0, 1.0), 0)],
+                camera=view((0, 2, 0.1), (0, 0, 0)), materials=[Material("plain", (0.2, 0.4, 0.6)), Material("t", (1.0, 1.0, 1.0), TextureUse(0))],
                 textures=[random_texture(2, 2)], instances=[(0, np.eye(4)[:3]), (1, far)])  # fmt: skip
     albedo = render(scene, (8, 8), aovs=("albedo",)).aov("albedo", "mono")
     np.testing.assert_array_equal(albedo, np.broadcast_to(np.float32([0.2, 0.4, 0.6]), albedo.shape))

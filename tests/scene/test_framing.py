@@ -113,9 +113,9 @@ def test_a_room_is_seen_from_inside_along_its_length(tmp_path, size, top):
     assert view @ (np.array([0, eye(scene)[1], 0]) - eye(scene)) > 0.3 * max(width, depth)
     lamp = scene.lights[0]
     if top:  # open: the sun shines in
-        assert isinstance(lamp, DirectionalLight) and min(scene.environment) > 0
+        assert isinstance(lamp, DirectionalLight) and scene.environment.radiance.min() > 0
     else:
-        assert isinstance(lamp, PointLight) and max(scene.environment) == 0
+        assert isinstance(lamp, PointLight) and scene.environment.radiance.max() == 0
         assert (np.abs(np.array(lamp.position) - [0, height / 2, 0]) < np.array(size) / 2).all()
 
 
@@ -178,12 +178,12 @@ def test_a_camera_of_the_file_stays_and_only_light_is_chosen(tmp_path):
 
 def test_emission_is_light(tmp_path):
     scene = load(tmp_path, box("a", [1, 1, 1], [0, 0, 0], extra='material = "a"\n') + RED + "emission = [1, 1, 1]\n")
-    assert scene.lights == () and scene.environment == (0, 0, 0)
+    assert scene.lights == () and not scene.environment.radiance.any()
 
 
 def test_emission_of_a_material_that_nothing_has_is_none(tmp_path):
     scene = load(tmp_path, box("a", [1, 1, 1], [0, 0, 0]) + RED + "emission = [1, 1, 1]\n")
-    assert len(scene.lights) == 1 and min(scene.environment) > 0
+    assert len(scene.lights) == 1 and scene.environment.radiance.min() > 0
 
 
 def test_the_same_file_gives_the_same_view(tmp_path):

@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from clcache.errors import SceneError
-from clcache.scene import NO_TEXTURE, load_scene
+from clcache.scene import load_scene
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 
@@ -83,10 +83,10 @@ d 0.3
     assert set(by_name) == {"lamp", "painted", "glass", "default"}  # what nothing uses is left out
     assert by_name["lamp"].emission == (4, 5, 6.5) and by_name["lamp"].base_color == (0, 0, 0)
     assert by_name["painted"].base_color == (1, 1, 1)
-    texture = scene.textures[by_name["painted"].base_color_texture]
+    texture = scene.textures[by_name["painted"].base_color_texture.index]
     assert texture.pixels.shape == (2, 4, 4) and texture.wrap == ("clamp", "clamp")
-    assert by_name["glass"].base_color_texture == NO_TEXTURE
-    assert any("1 materials with transparency" in note for note in scene.notes)
+    assert by_name["glass"].base_color_texture is None
+    assert by_name["glass"].thin and abs(by_name["glass"].transmission - 0.7) < 1e-12
     painted = next(m for m in scene.meshes if scene.materials[m.material[0]].name == "painted")
     corner = painted.positions.tolist().index([1, 1, 0])
     assert painted.uvs[corner].tolist() == [1, 0.25]  # v is counted from the first row, in OBJ from the last
@@ -235,7 +235,7 @@ def test_ply_with_a_texture(tmp_path):
     path = tmp_path / "a.ply"
     path.write_text(header + "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n")
     scene = load_scene(path)
-    assert scene.materials[0].base_color_texture == 0 and scene.textures[0].pixels[0, 0, 0] == 9
+    assert scene.materials[0].base_color_texture.index == 0 and scene.textures[0].pixels[0, 0, 0] == 9
     mesh = scene.meshes[0]
     assert np.array_equal(mesh.uvs[:, 0], mesh.positions[:, 0]) and np.array_equal(
         mesh.uvs[:, 1], 1 - mesh.positions[:, 1]

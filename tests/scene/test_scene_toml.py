@@ -92,10 +92,10 @@ pathtrace.roulette = 4
     )
     assert scene.camera.fov_y == pytest.approx(math.pi / 2) and scene.camera.near == 0.5
     assert np.allclose(scene.camera.transform, [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 4]])
-    assert scene.environment == (0.1, 0.2, 0.3)
+    assert np.allclose(scene.environment.radiance, (0.1, 0.2, 0.3))
     red, default = scene.materials
     assert (red.name, red.base_color, red.emission) == ("red", (0.63, 0.065, 0.05), (1, 2, 3))
-    assert scene.textures[red.base_color_texture].pixels[0, 0].tolist() == [1, 2, 3, 255]
+    assert scene.textures[red.base_color_texture.index].pixels[0, 0].tolist() == [1, 2, 3, 255]
     assert default.base_color == (0.8, 0.8, 0.8)
     ball, hair = scene.instances
     assert len(scene.meshes[ball.mesh].triangles) == 320 and len(scene.meshes[hair.mesh].triangles) == 100
@@ -111,7 +111,7 @@ pathtrace.roulette = 4
 def test_what_a_file_leaves_out_is_chosen_and_said(tmp_path):
     scene = load(tmp_path, BALL)
     assert scene.defaults == Defaults()
-    assert len(scene.lights) == 1 and min(scene.environment) > 0
+    assert len(scene.lights) == 1 and scene.environment.radiance.min() > 0
     assert [note.split(" in the file")[0] for note in scene.notes] == ["no camera", "no light"]
 
 
@@ -121,7 +121,7 @@ def test_what_a_file_leaves_out_is_chosen_and_said(tmp_path):
 )
 def test_a_file_with_light_gets_no_other(tmp_path, light):
     scene = load(tmp_path, BALL + light)
-    assert scene.environment == (0, 0, 0) and len(scene.lights) == light.count("lights")
+    assert not scene.environment.radiance.any() and len(scene.lights) == light.count("lights")
 
 
 # Errors name file, line and key
@@ -139,7 +139,7 @@ def test_a_file_with_light_gets_no_other(tmp_path, light):
         ("[meshes.a]\nradius = 1", ":1: meshes.a: expected file = a path, or generator"),
         ("[meshes.a]\nfile = 'x'\ngenerator = 'box'", ":3: meshes.a.generator: unknown key"),
         ("meshes.a = 3", ":1: meshes.a: 3 is wrong; expected file"),
-        ("[[lights]]\ntype = 'spot'", ":1: lights.0: expected type = point or directional"),
+        ("[[lights]]\ntype = 'area'", ":1: lights.0: expected type = point, directional or spot"),
         ("[[lights]]\ntype = 'point'\nposition = [0, 0, 0]", ":1: lights.0: intensity is missing"),
         (
             "[materials.a]\nbase_color = [0.1, 0.2]",
@@ -173,7 +173,7 @@ def test_a_file_with_light_gets_no_other(tmp_path, light):
             "[camera]\npose = [[1, 0, 0, 0], [0, 1, 0], [0, 0, 1, 0]]",
             ":2: camera.pose.1: [0, 1, 0] is wrong; expected a list",
         ),
-        ("[environment]\n", ":1: environment: color is missing"),
+        ("[environment]\n", ":1: environment: expected one of color, image and sky"),
         (
             "[render.settings]\n'pathtrace.bouncs' = 1",
             ":2: render.settings.pathtrace.bouncs: setting pathtrace.bouncs: unkn",

@@ -258,21 +258,26 @@ __kernel void hierarchy(
     if (segment_begins[own] == first && segment_begins[own + 1] == last + 1) roots[own] = i;
 }
 
-// One work-item per triangle: its vertices and its number within its mesh, in the tree's order.
+// One work-item per triangle, in the tree's order: its vertices, and in their fourth components its number within its mesh
+// and the instance that it belongs to.
 __kernel void gather_triangles(
-    __global const float *positions,      // (vertices, 3)
-    __global const uint *triangles,       // (n, 3)
-    __global const uint *order,           // (n)
-    __global const uint *segment,         // (n)
-    __global const uint *segment_begins,  // (ends)
-    __global float4 *leaves,              // (n, 3)
+    __global const float *positions,  // (vertices, 3)
+    __global const uint *triangles,   // (n, 3)
+    __global const uint *order,       // (n)
+    __global const uint *instance,    // (n)
+    __global const uint *primitive,   // (n)
+    __global float4 *leaves,          // (n, 3)
     uint n)
 {
     uint i = get_global_id(0);
     if (i >= n) return;
     uint triangle = order[i];
-    uint number = triangle - segment_begins[segment[triangle]];
-    leaves[3 * i] = (float4)(load_row(positions, triangles[3 * triangle]), as_float(number));
-    leaves[3 * i + 1] = (float4)(load_row(positions, triangles[3 * triangle + 1]), 0.0f);
-    leaves[3 * i + 2] = (float4)(load_row(positions, triangles[3 * triangle + 2]), 0.0f);
+    leaves[3 * i].xyz = load_row(positions, triangles[3 * triangle]);
+    leaves[3 * i + 1].xyz = load_row(positions, triangles[3 * triangle + 1]);
+    leaves[3 * i + 2].xyz = load_row(positions, triangles[3 * triangle + 2]);
+    // As integers: a float register may change what is no number.
+    __global uint *words = (__global uint *)(leaves + 3 * i);
+    words[3] = primitive[triangle];
+    words[7] = instance[triangle];
+    words[11] = 0;
 }

@@ -1,12 +1,16 @@
-// Trace rays through two levels of trees: instances, then the triangles of each one's mesh in its own space. Directions are
-// not normalised there, so that t means the same everywhere.
+// Trace rays through two levels of trees: placed meshes, then the triangles of each one in its own space. Directions are not
+// normalised there, so that t means the same everywhere. Where there is but one mesh, in world space, the upper level is
+// compiled out.
 //
 // Reads the rays as planes, and the scene. One work-item per ray. A ray whose length is not above t_min is not traced: a
 // miss, and not occluded. Two private stacks hold at most one entry for each level of a tree, and a tree over 64-bit keys,
 // with 32 bits more to tell equal ones apart, has at most 96.
+//
+// Defines: HAS_INSTANCES; HAS_ALPHA: surfaces have holes, through which rays pass (scene/alpha.cl).
 
 #include "bvh/intersect.cl"
 #include "common/transform.cl"
+#include "scene/alpha.cl"
 
 #define MAX_DEPTH 96
 
@@ -14,7 +18,10 @@ typedef struct Trees {
     __global const Node *top_nodes, *nodes;
     __global const uint *top_order;
     __global const float4 *leaves;
-    __global const Instance *instances;
+    __global const Instance *placed;
+#if HAS_ALPHA
+    Masks masks;
+#endif
 } Trees;
 
 // The children of `node` that the ray meets: the nearer becomes current, the farther goes onto the stack. False if none.
@@ -33,25 +40,25 @@ inline bool descend(const Ray *ray, __global const Node *node, float t_max, uint
     return hit0 || hit1;
 }
 
-// The triangles of one instance. Returns at the first hit if `any`.
-inline void trace_instance(const Trees *trees, uint index, float3 origin, float3 direction, float t_min, bool any, Hit *hit)
+// The triangles below a root, in its space. Returns at the first hit if `any`.
+inline void trace_mesh(const Trees *trees, const Ray *ray, uint root, uint root_count, uint placed_instance, bool any, Hit *hit)
 {
-    Instance instance = trees->instances[index];
-    float3 low = (float3)(instance.low[0], instance.low[1], instance.low[2]);
-    float3 high = (float3)(instance.high[0], instance.high[1], instance.high[2]);
-    Ray ray = make_ray(transform_point(instance.to_object, origin), transform_vector(instance.to_object, direction), t_min,
-                       low, high);
-    if (!(box_entry(&ray, low, high, hit->t) < INFINITY)) return;
-
     uint2 stack[MAX_DEPTH];
     int depth = 0;
-    uint2 current = (uint2)(instance.root, instance.root_count);
+    uint2 current = (uint2)(root, root_count);
     while (true) {
         if (current.y == 0) {
-            if (descend(&ray, trees->nodes + current.x, hit->t, &current, stack, &depth)) continue;
+            if (descend(ray, trees->nodes + current.x, hit->t, &current, stack, &depth)) continue;
         } else for (uint i = current.x; i < current.x + current.y; i++) {
             float4 v0 = trees->leaves[3 * i], v1 = trees->leaves[3 * i + 1], v2 = trees->leaves[3 * i + 2];
-            bool found = intersect_triangle(&ray, v0.xyz, v1.xyz, v2.xyz, as_uint(v0.w), index, hit);
+            uint own_instance = as_uint(v1.w);
+            uint instance = own_instance == NONE ? placed_instance : own_instance;
+            Hit nearest = *hit;
+            bool found = intersect_triangle(ray, v0.xyz, v1.xyz, v2.xyz, as_uint(v0.w), instance, &nearest);
+#if HAS_ALPHA
+            found = found && !is_hole(&trees->masks, instance, nearest.primitive, nearest.u, nearest.v);
+#endif
+            if (found) *hit = nearest;
             if (any && found) return;
         }
         if (depth == 0) return;
@@ -59,34 +66,64 @@ inline void trace_instance(const Trees *trees, uint index, float3 origin, float3
     }
 }
 
-inline Hit trace(const Trees *trees, float3 low, float3 high, uint instances, uint root, float3 origin, float3 direction, float t_min,
-                 float t_max, bool any)
+inline void trace_placed(const Trees *trees, uint index, float3 origin, float3 direction, float t_min, bool any, Hit *hit)
+{
+    __global const Instance *placed = trees->placed + index;
+    float3 low = (float3)(placed->low[0], placed->low[1], placed->low[2]);
+    float3 high = (float3)(placed->high[0], placed->high[1], placed->high[2]);
+#if HAS_INSTANCES
+    float to_object[12];
+    for (int k = 0; k < 12; k++) to_object[k] = placed->to_object[k];
+    origin = transform_point(to_object, origin);
+    direction = transform_vector(to_object, direction);
+#endif
+    Ray ray = make_ray(origin, direction, t_min, low, high);
+    if (!(box_entry(&ray, low, high, hit->t) < INFINITY)) return;
+    trace_mesh(trees, &ray, placed->root, placed->root_count, placed->number, any, hit);
+}
+
+inline Hit trace(const Trees *trees, float3 low, float3 high, uint placements, uint root, float3 origin, float3 direction,
+                 float t_min, float t_max, bool any)
 {
     Hit hit = { t_max, 0.0f, 0.0f, NONE, NONE };
     if (!(t_max > t_min)) return hit;
+#if !HAS_INSTANCES
+    trace_placed(trees, 0, origin, direction, t_min, any, &hit);
+    return hit;
+#else
     Ray ray = make_ray(origin, direction, t_min, low, high);
     uint2 stack[MAX_DEPTH];
     int depth = 0;
-    uint2 current = (uint2)(root, instances == 1);
+    uint2 current = (uint2)(root, placements == 1);
     while (true) {
         if (current.y == 0) {
             if (descend(&ray, trees->top_nodes + current.x, hit.t, &current, stack, &depth)) continue;
         } else for (uint i = current.x; i < current.x + current.y; i++) {
-            trace_instance(trees, trees->top_order[i], origin, direction, t_min, any, &hit);
+            trace_placed(trees, trees->top_order[i], origin, direction, t_min, any, &hit);
             if (any && hit.instance != NONE) return hit;
         }
         if (depth == 0) return hit;
         current = stack[--depth];
     }
+#endif
 }
 
 __kernel void closest_hit(
     __global const Node *top_nodes,       // (top_inner)
-    __global const uint *top_order,       // (instances)
+    __global const uint *top_order,       // (placements)
     __global const Node *nodes,           // (inner)
     __global const float4 *leaves,        // (triangles, 3)
-    __global const Instance *instances_,  // (instances)
+    __global const Instance *placed,      // (placements)
     __global const float *bounds,         // (6)
+    __global const Instance *instances,   // (instances) or null
+    __global const uint *triangles,       // (triangles, 3) or null
+    __global const uint *material,        // (triangles) or null
+    __global const float *uvs,            // (vertices, 2) or null
+    __global const Material *materials,   // (materials) or null
+    __global const TextureUse *uses,      // (uses) or null
+    __global const Texture *textures,     // (textures) or null
+    __global const uint *texels,          // (texels) or null
+    __global const float *srgb,           // (256) or null
     __global const float *origins,        // (3, n)
     __global const float *directions,     // (3, n)
     __global const float *t_mins,         // (n) or null
@@ -95,15 +132,20 @@ __kernel void closest_hit(
     __global float *uv,                   // (2, n)
     __global uint *primitive,             // (n)
     __global uint *instance,              // (n)
-    uint instances,
+    uint placements,
     uint top_root,
     uint n)
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    Trees trees = { top_nodes, nodes, top_order, leaves, instances_ };
+    Trees trees = { top_nodes, nodes, top_order, leaves, placed };
+#if HAS_ALPHA
+    Maps maps = { uses, textures, texels, srgb };
+    Masks masks = { instances, triangles, material, uvs, materials, maps };
+    trees.masks = masks;
+#endif
     float3 low = (float3)(bounds[0], bounds[1], bounds[2]), high = (float3)(bounds[3], bounds[4], bounds[5]);
-    Hit hit = trace(&trees, low, high, instances, top_root, load_planes(origins, n, i), load_planes(directions, n, i),
+    Hit hit = trace(&trees, low, high, placements, top_root, load_planes(origins, n, i), load_planes(directions, n, i),
                     t_mins ? t_mins[i] : 0.0f, lengths[i], false);
     t[i] = hit.instance == NONE ? INFINITY : hit.t;
     uv[i] = hit.u;
@@ -114,25 +156,39 @@ __kernel void closest_hit(
 
 __kernel void any_hit(
     __global const Node *top_nodes,       // (top_inner)
-    __global const uint *top_order,       // (instances)
+    __global const uint *top_order,       // (placements)
     __global const Node *nodes,           // (inner)
     __global const float4 *leaves,        // (triangles, 3)
-    __global const Instance *instances_,  // (instances)
+    __global const Instance *placed,      // (placements)
     __global const float *bounds,         // (6)
+    __global const Instance *instances,   // (instances) or null
+    __global const uint *triangles,       // (triangles, 3) or null
+    __global const uint *material,        // (triangles) or null
+    __global const float *uvs,            // (vertices, 2) or null
+    __global const Material *materials,   // (materials) or null
+    __global const TextureUse *uses,      // (uses) or null
+    __global const Texture *textures,     // (textures) or null
+    __global const uint *texels,          // (texels) or null
+    __global const float *srgb,           // (256) or null
     __global const float *origins,        // (3, n)
     __global const float *directions,     // (3, n)
     __global const float *t_mins,         // (n) or null
     __global const float *lengths,        // (n)
     __global uchar *occluded,             // (n)
-    uint instances,
+    uint placements,
     uint top_root,
     uint n)
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    Trees trees = { top_nodes, nodes, top_order, leaves, instances_ };
+    Trees trees = { top_nodes, nodes, top_order, leaves, placed };
+#if HAS_ALPHA
+    Maps maps = { uses, textures, texels, srgb };
+    Masks masks = { instances, triangles, material, uvs, materials, maps };
+    trees.masks = masks;
+#endif
     float3 low = (float3)(bounds[0], bounds[1], bounds[2]), high = (float3)(bounds[3], bounds[4], bounds[5]);
-    Hit hit = trace(&trees, low, high, instances, top_root, load_planes(origins, n, i), load_planes(directions, n, i),
+    Hit hit = trace(&trees, low, high, placements, top_root, load_planes(origins, n, i), load_planes(directions, n, i),
                     t_mins ? t_mins[i] : 0.0f, lengths[i], true);
     occluded[i] = hit.instance != NONE;
 }

@@ -9,6 +9,7 @@
 #define ONE_OVER_PI 0.318309886183791f
 #define UNIT_ROUNDOFF 5.9604645e-8f  // 2^-24: the largest relative error of one rounded operation
 #define NONE 0xFFFFFFFFu              // no instance, no primitive: a miss
+#define FROM_BEHIND 0x80000000u       // flag on a material's index: the surface's back was hit
 
 // x, y, z of item `i` in an array of three planes of `n` items, and back.
 inline float3 load_planes(__global const float *values, uint n, uint i)
