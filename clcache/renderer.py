@@ -176,7 +176,10 @@ class Renderer:
             return dict(self._graph.run(state, progress)), {"spp": state.samples}
         seconds: dict[str, float] = {}
         samples = min(_FIRST_ROUND, self.spp)
-        begin, reached = 0, 0.0  # reached: the part of the way to the goal, the error being in proportion to 1 / samples
+        begin, reached = (
+            0,
+            0.0,
+        )  # reached: the part of the way to the goal, the error being in proportion to 1 / samples
         while True:
             expected = min(reached * samples / begin, 1.0) if begin else 0.0
             part = progress and (lambda p, a=reached, b=expected: progress(a + p * (b - a)))

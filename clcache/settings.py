@@ -49,7 +49,9 @@ class Setting:
             and (self.high is None or parsed <= self.high)
         )
         if not in_range:
-            raise SettingError(f"setting {self.name}: {value!r} is not {_article(self.type)} in range; expected {self.range}")
+            raise SettingError(
+                f"setting {self.name}: {value!r} is not {_article(self.type)} in range; expected {self.range}"
+            )
         return parsed
 
 
@@ -84,7 +86,13 @@ SETTINGS: dict[str, Setting] = {
             "where sample points come from: an Owen-scrambled Sobol sequence, or independent random numbers",
             choices=("sobol", "independent"),
         ),
-        Setting("device.local_size", 64, "work-items in a work-group of kernels that do not prescribe it; no effect on the image", 1, 1024),
+        Setting(
+            "device.local_size",
+            64,
+            "work-items in a work-group of kernels that do not prescribe it; no effect on the image",
+            1,
+            1024,
+        ),
     )
 }
 
@@ -94,7 +102,9 @@ def find(name: str) -> Setting:
     if name in SETTINGS:
         return SETTINGS[name]
     near = difflib.get_close_matches(name, SETTINGS, 1)
-    raise SettingError(f"setting {name}: unknown" + (f"; did you mean {near[0]}?" if near else "; 'clcache settings' lists all"))
+    raise SettingError(
+        f"setting {name}: unknown" + (f"; did you mean {near[0]}?" if near else "; 'clcache settings' lists all")
+    )
 
 
 def resolve(*layers: Mapping[str, object]) -> dict[str, bool | int | float | str]:

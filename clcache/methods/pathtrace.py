@@ -9,7 +9,18 @@ from dataclasses import replace
 from math import inf
 
 from ..frame import Pass, Repeat
-from ..passes.film import AddRadiance, AddSample, AddSquare, Clear, Mean, MeanDirection, NearestDepth, SampleCount, Variance, film_buffers
+from ..passes.film import (
+    AddRadiance,
+    AddSample,
+    AddSquare,
+    Clear,
+    Mean,
+    MeanDirection,
+    NearestDepth,
+    SampleCount,
+    Variance,
+    film_buffers,
+)
 from ..passes.shade import Direct, Emission, Shade, Surface, path_buffers
 from ..passes.trace import Generate, Shadow, Trace, ray_buffers
 from .method import Method, MethodSetup, PathState

@@ -61,7 +61,9 @@ class Geometry:
         if not any(i.motion for i in scene.instances):
             return self
         to_world, to_object = _transforms(scene, time)
-        return self if np.array_equal(to_world, self.to_world) else replace(self, to_world=to_world, to_object=to_object)
+        return (
+            self if np.array_equal(to_world, self.to_world) else replace(self, to_world=to_world, to_object=to_object)
+        )
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,9 @@ class Merged:
             normals=None,
             uvs=None,
             first_triangle=_starts(len(p.triangles) for p in parts),
-            mesh_bounds=np.array([[*p.positions.min(axis=0), *p.positions.max(axis=0)] for p in parts], np.float32).T.copy(),
+            mesh_bounds=np.array(
+                [[*p.positions.min(axis=0), *p.positions.max(axis=0)] for p in parts], np.float32
+            ).T.copy(),
             instance_mesh=np.concatenate([np.arange(joined), mesh_here + joined]).astype(np.int64),
             to_world=np.concatenate([identity, geometry.to_world[apart]]),
             to_object=np.concatenate([identity, geometry.to_object[apart]]),
@@ -118,7 +122,10 @@ class Merged:
         """The same with the instances that are apart where `geometry` has them."""
         apart = self.number != NONE
         to_world, to_object = self.geometry.to_world.copy(), self.geometry.to_object.copy()
-        to_world[apart], to_object[apart] = geometry.to_world[self.number[apart]], geometry.to_object[self.number[apart]]
+        to_world[apart], to_object[apart] = (
+            geometry.to_world[self.number[apart]],
+            geometry.to_object[self.number[apart]],
+        )
         return replace(self, geometry=replace(self.geometry, to_world=to_world, to_object=to_object))
 
 
