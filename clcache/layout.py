@@ -73,7 +73,7 @@ STRUCTS: dict[str, np.dtype] = {
         ("power", "f4", 3),
         ("cone", "f4", 2),
     ),
-    # The environment's picture, the chance that a sample of the lights is taken from it, and whether it is of one colour.
+    # The environment's picture, and the chance that a sample of the lights is taken from it.
     "Environment": _struct(("width", "u4"), ("height", "u4"), ("chance", "f4")),
 }
 

@@ -67,7 +67,7 @@ class RayKernels:
 
 
 class Tracer:
-    """Trace rays against a scene.
+    """Trace rays against a scene's triangles, as they are at time 0; alpha masks make no holes here.
 
     scene: what `load_scene` returns. device: index, or part of the platform's or device's name; None for the default;
     or a `Device`. Hits are watertight along shared edges and vertices (Woop et al. 2013); between equally near

@@ -24,8 +24,25 @@ typedef struct Trees {
 #endif
 } Trees;
 
+// A subtree that is still to be visited, and where the ray enters its box.
+typedef struct Waiting {
+    uint2 subtree;
+    float entry;
+} Waiting;
+
+// Take the nearest subtree off the stack that begins before t_max. False if there is none.
+inline bool next_subtree(const Waiting *stack, int *depth, float t_max, uint2 *current)
+{
+    while (*depth > 0) {
+        Waiting top = stack[--*depth];
+        *current = top.subtree;
+        if (top.entry <= t_max) return true;
+    }
+    return false;
+}
+
 // The children of `node` that the ray meets: the nearer becomes current, the farther goes onto the stack. False if none.
-inline bool descend(const Ray *ray, __global const Node *node, float t_max, uint2 *current, uint2 *stack, int *depth)
+inline bool descend(const Ray *ray, __global const Node *node, float t_max, uint2 *current, Waiting *stack, int *depth)
 {
     float3 low0 = (float3)(node->low[0], node->low[1], node->low[2]);
     float3 low1 = (float3)(node->low[3], node->low[4], node->low[5]);
@@ -35,7 +52,10 @@ inline bool descend(const Ray *ray, __global const Node *node, float t_max, uint
     uint2 child0 = (uint2)(node->child[0], node->count[0]), child1 = (uint2)(node->child[1], node->count[1]);
     bool hit0 = entry0 < INFINITY, hit1 = entry1 < INFINITY;
     bool second_first = entry1 < entry0;
-    if (hit0 && hit1) stack[(*depth)++] = second_first ? child0 : child1;
+    if (hit0 && hit1) {
+        Waiting farther = { second_first ? child0 : child1, second_first ? entry0 : entry1 };
+        stack[(*depth)++] = farther;
+    }
     *current = second_first ? child1 : child0;
     return hit0 || hit1;
 }
@@ -43,7 +63,7 @@ inline bool descend(const Ray *ray, __global const Node *node, float t_max, uint
 // The triangles below a root, in its space. Returns at the first hit if `any`.
 inline void trace_mesh(const Trees *trees, const Ray *ray, uint root, uint root_count, uint placed_instance, bool any, Hit *hit)
 {
-    uint2 stack[MAX_DEPTH];
+    Waiting stack[MAX_DEPTH];
     int depth = 0;
     uint2 current = (uint2)(root, root_count);
     while (true) {
@@ -61,8 +81,7 @@ inline void trace_mesh(const Trees *trees, const Ray *ray, uint root, uint root_
             if (found) *hit = nearest;
             if (any && found) return;
         }
-        if (depth == 0) return;
-        current = stack[--depth];
+        if (!next_subtree(stack, &depth, hit->t, &current)) return;
     }
 }
 
@@ -92,7 +111,7 @@ inline Hit trace(const Trees *trees, float3 low, float3 high, uint placements, u
     return hit;
 #else
     Ray ray = make_ray(origin, direction, t_min, low, high);
-    uint2 stack[MAX_DEPTH];
+    Waiting stack[MAX_DEPTH];
     int depth = 0;
     uint2 current = (uint2)(root, placements == 1);
     while (true) {
@@ -102,8 +121,7 @@ inline Hit trace(const Trees *trees, float3 low, float3 high, uint placements, u
             trace_placed(trees, trees->top_order[i], origin, direction, t_min, any, &hit);
             if (any && hit.instance != NONE) return hit;
         }
-        if (depth == 0) return hit;
-        current = stack[--depth];
+        if (!next_subtree(stack, &depth, hit.t, &current)) return hit;
     }
 #endif
 }
