@@ -12,12 +12,11 @@
 #endif
 
 typedef struct Ray {
-    float3 origin;
-    float3 inverse;      // of the direction; infinite where it is zero
-    float3 origin_low;   // origin for planes on the boxes' low side, for planes on their high side: moved apart
+    float3 inverse;         // of the direction; the largest number where that is zero
+    float3 origin_low;      // origin for planes on the boxes' low side, for planes on their high side: moved apart
     float3 origin_high;
-    float3 shear;        // x, y: shear; z: scale, of the permuted axes
-    int longest;         // axis that becomes z
+    int x, y, z;            // the axes, in cyclic order, the longest of the direction last
+    float3 origin, shear;   // in that order; shear.z scales
     float t_min;
 } Ray;
 
@@ -37,49 +36,52 @@ inline Ray make_ray(float3 origin, float3 direction, float t_min, float3 low, fl
 {
     Ray ray;
     float3 size = fabs(direction);
-    ray.longest = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
-    float3 d = permute(direction, ray.longest);
+    ray.z = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
+    ray.x = ray.z == 2 ? 0 : ray.z + 1;
+    ray.y = ray.x == 2 ? 0 : ray.x + 1;
+    float3 d = permute(direction, ray.z);
     ray.shear = (float3)(d.x / d.z, d.y / d.z, 1.0f / d.z);
     float3 reach = fmax(fabs(origin - low), fabs(origin - high));
-    float3 error = 5.0f * UNIT_ROUNDOFF * (reach + permute(reach, ray.longest).z);
+    float3 error = 5.0f * UNIT_ROUNDOFF * (reach + permute(reach, ray.z).z);
     error += 2.0f * UNIT_ROUNDOFF * fabs(origin);  // a unit in the last place, or far from zero the sum would lose it all
-    ray.origin = origin;
-    ray.inverse = 1.0f / direction;
+    ray.origin = permute(origin, ray.z);
+    ray.inverse = clamp(1.0f / direction, -FLT_MAX, FLT_MAX);
     ray.origin_low = origin + error;
     ray.origin_high = origin - error;
     ray.t_min = t_min;
     return ray;
 }
 
-// Where the ray enters the box, or +infinity if it misses it within (t_min, t_max]. A NaN (a ray within a plane of the box)
-// loses every comparison, so that it never excludes.
-inline float box_entry(const Ray *ray, float3 low, float3 high, float t_max)
+// Where the ray enters a box, given where it meets the near and the far plane of each axis; +infinity if it misses it within
+// (t_min, t_max].
+inline float enter(float near_x, float near_y, float near_z, float far_x, float far_y, float far_z, float t_min, float t_max)
 {
-    float3 to_low = (low - ray->origin_low) * ray->inverse, to_high = (high - ray->origin_high) * ray->inverse;
-    float entry = ray->t_min, leave = t_max;
-    float near_x = ray->inverse.x < 0.0f ? to_high.x : to_low.x, far_x = ray->inverse.x < 0.0f ? to_low.x : to_high.x;
-    float near_y = ray->inverse.y < 0.0f ? to_high.y : to_low.y, far_y = ray->inverse.y < 0.0f ? to_low.y : to_high.y;
-    float near_z = ray->inverse.z < 0.0f ? to_high.z : to_low.z, far_z = ray->inverse.z < 0.0f ? to_low.z : to_high.z;
-    entry = near_x > entry ? near_x : entry;
-    entry = near_y > entry ? near_y : entry;
+    float entry = near_x > near_y ? near_x : near_y, leave = far_x < far_y ? far_x : far_y;
     entry = near_z > entry ? near_z : entry;
-    const float widen = 1.0000004f;  // 1 + 2 gamma(3)
-    leave = far_x * widen < leave ? far_x * widen : leave;
-    leave = far_y * widen < leave ? far_y * widen : leave;
-    leave = far_z * widen < leave ? far_z * widen : leave;
+    leave = far_z < leave ? far_z : leave;
+    leave *= 1.0000004f;  // 1 + 2 gamma(3)
+    entry = t_min > entry ? t_min : entry;
+    leave = t_max < leave ? t_max : leave;
     return entry <= leave ? entry : INFINITY;
 }
 
-// Intersect, and keep the hit if it is nearer than `hit`, or as near and of a lower number: the result depends neither on
-// the tree nor on the order of its children. u and v are the weights of the triangle's second and third vertex.
-inline bool intersect_triangle(const Ray *ray, float3 v0, float3 v1, float3 v2, uint primitive, uint instance, Hit *hit)
+inline float box_entry(const Ray *ray, float3 low, float3 high, float t_max)
 {
-    float3 a = permute(v0 - ray->origin, ray->longest);
-    float3 b = permute(v1 - ray->origin, ray->longest);
-    float3 c = permute(v2 - ray->origin, ray->longest);
-    float ax = a.x - ray->shear.x * a.z, ay = a.y - ray->shear.y * a.z;
-    float bx = b.x - ray->shear.x * b.z, by = b.y - ray->shear.y * b.z;
-    float cx = c.x - ray->shear.x * c.z, cy = c.y - ray->shear.y * c.z;
+    float3 to_low = (low - ray->origin_low) * ray->inverse, to_high = (high - ray->origin_high) * ray->inverse;
+    float3 near = to_low < to_high ? to_low : to_high, far = to_low < to_high ? to_high : to_low;
+    return enter(near.x, near.y, near.z, far.x, far.y, far.z, ray->t_min, t_max);
+}
+
+// Intersect, and keep the hit if it is nearer than `hit`, or as near and of a lower number: the result depends neither on
+// the tree nor on the order of its children. u and v are the weights of the triangle's second and third vertex. `leaf`: three
+// vertices, four numbers apart.
+inline bool intersect_triangle(const Ray *ray, __global const float *leaf, uint primitive, uint instance, Hit *hit)
+{
+    int x = ray->x, y = ray->y, z = ray->z;
+    float az = leaf[z] - ray->origin.z, bz = leaf[4 + z] - ray->origin.z, cz = leaf[8 + z] - ray->origin.z;
+    float ax = (leaf[x] - ray->origin.x) - ray->shear.x * az, ay = (leaf[y] - ray->origin.y) - ray->shear.y * az;
+    float bx = (leaf[4 + x] - ray->origin.x) - ray->shear.x * bz, by = (leaf[4 + y] - ray->origin.y) - ray->shear.y * bz;
+    float cx = (leaf[8 + x] - ray->origin.x) - ray->shear.x * cz, cy = (leaf[8 + y] - ray->origin.y) - ray->shear.y * cz;
     float weight0 = cx * by - cy * bx, weight1 = ax * cy - ay * cx, weight2 = bx * ay - by * ax;
 #if HAS_FP64
     if (weight0 == 0.0f || weight1 == 0.0f || weight2 == 0.0f) {  // a difference that cancelled: its sign needs more bits
@@ -92,7 +94,7 @@ inline bool intersect_triangle(const Ray *ray, float3 v0, float3 v1, float3 v2, 
         return false;
     float determinant = weight0 + weight1 + weight2;
     if (determinant == 0.0f) return false;
-    float depth = weight0 * (ray->shear.z * a.z) + weight1 * (ray->shear.z * b.z) + weight2 * (ray->shear.z * c.z);
+    float depth = weight0 * (ray->shear.z * az) + weight1 * (ray->shear.z * bz) + weight2 * (ray->shear.z * cz);
     float t = depth / determinant;
     bool nearer = t < hit->t;
     bool tie = t == hit->t && hit->instance != NONE

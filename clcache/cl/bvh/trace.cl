@@ -70,15 +70,17 @@ inline void trace_mesh(const Trees *trees, const Ray *ray, uint root, uint root_
         if (current.y == 0) {
             if (descend(ray, trees->nodes + current.x, hit->t, &current, stack, &depth)) continue;
         } else for (uint i = current.x; i < current.x + current.y; i++) {
-            float4 v0 = trees->leaves[3 * i], v1 = trees->leaves[3 * i + 1], v2 = trees->leaves[3 * i + 2];
-            uint own_instance = as_uint(v1.w);
+            __global const float *leaf = (__global const float *)(trees->leaves + 3 * i);
+            uint primitive = as_uint(leaf[3]), own_instance = as_uint(leaf[7]);
             uint instance = own_instance == NONE ? placed_instance : own_instance;
-            Hit nearest = *hit;
-            bool found = intersect_triangle(ray, v0.xyz, v1.xyz, v2.xyz, as_uint(v0.w), instance, &nearest);
 #if HAS_ALPHA
-            found = found && !is_hole(&trees->masks, instance, nearest.primitive, nearest.u, nearest.v);
-#endif
+            Hit nearest = *hit;
+            bool found = intersect_triangle(ray, leaf, primitive, instance, &nearest)
+                         && !is_hole(&trees->masks, instance, primitive, nearest.u, nearest.v);
             if (found) *hit = nearest;
+#else
+            bool found = intersect_triangle(ray, leaf, primitive, instance, hit);
+#endif
             if (any && found) return;
         }
         if (!next_subtree(stack, &depth, hit->t, &current)) return;
