@@ -158,6 +158,7 @@ def _run(device: cl.Device, a: np.ndarray, b: np.ndarray, outputs: dict[str, np.
 
 
 def main(arguments: list[str]) -> None:
+    """Print the verdict, as JSON behind ANSWER, on the device of the given index; without one, on loading the drivers."""
     found = failure(devices()[int(arguments[0])]) if arguments else loading_failure()
     print(f"\n{ANSWER}{json.dumps(found)}", flush=True)
 
