@@ -11,7 +11,7 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pyopencl as cl
@@ -40,11 +40,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a device, or a driver, works; reason: one line; crashed: it ended the process, or would not end."""
+    """Whether a device, or a driver, works; reason: one line; crashed: it ended the process, or would not end; vectorises:
+    whether `probe.vectorise_loops` helps it."""
 
     usable: bool
     reason: str
     crashed: bool = False
+    vectorises: bool = field(default=False, compare=False)
 
 
 def candidates() -> list[Candidate]:
@@ -86,11 +88,18 @@ def choose(spec: str | None = None) -> Candidate:
         if usable is None:
             state = f"{len(found)} found; the first: {probe(found[0]).reason}" if found else "no driver lists one"
             raise DeviceError(f"no OpenCL device works here ({state}); {ADVICE}")
-        return usable
+        return _prepared(usable)
     candidate = _named(spec, found)
     verdict = probe(candidate)
     if not verdict.usable:
         raise DeviceError(f"device {candidate} does not work: {verdict.reason}; {ADVICE}")
+    return _prepared(candidate)
+
+
+def _prepared(candidate: Candidate) -> Candidate:
+    """The device, after its driver was told to make vectors, if it takes that."""
+    if probe(candidate).vectorises:
+        prober.vectorise_loops()
     return candidate
 
 
@@ -138,7 +147,8 @@ def _run_child(arguments: list[str], environment: dict[str, str]) -> Verdict:
     if not answers:
         return Verdict(False, "ended the process before it was done", crashed=True)
     failure = json.loads(answers[-1].removeprefix(prober.ANSWER))
-    return Verdict(failure is None, failure or "the probe kernel gave the right numbers")
+    vectorises = prober.VECTORISED in child.stdout.splitlines()
+    return Verdict(failure is None, failure or "the probe kernel gave the right numbers", vectorises=vectorises)
 
 
 def _ending(returncode: int) -> str:

@@ -16,19 +16,30 @@ def _struct(*fields: tuple[str, str] | tuple[str, str, int]) -> np.dtype:
 STRUCTS: dict[str, np.dtype] = {
     # A pinhole camera; `slope` is the tangent of half the field of view in x and in y.
     "Camera": _struct(("to_world", "f4", 12), ("slope", "f4", 2), ("near", "f4"), ("width", "u4"), ("height", "u4")),
-    # An inner node of a binary tree: the boxes of both children. `count` is 0 where `child` is a node; else the child is
-    # a leaf of `count` primitives, `child` the place of the first in the tree's order.
-    "Node": _struct(("low", "f4", 6), ("high", "f4", 6), ("child", "u4", 2), ("count", "u4", 2)),
+    # A pair of clusters in the making of a tree, left and right by their numbers: their common box; how many triangles are
+    # below (with a flag where they become a leaf); what the subtree costs in 1 .. 7 places of a node, and an unused number.
+    "Cluster": _struct(
+        ("low", "f4", 3), ("left", "u4"), ("high", "f4", 3), ("right", "u4"), ("costs", "f4", 7), ("triangles", "u4")
+    ),
+    # A cluster that is to be put below others: its box, the high sides negated, its number and how many triangles it holds.
+    "Item": _struct(("low", "f4", 3), ("cluster", "u4"), ("minus_high", "f4", 3), ("triangles", "u4")),
+    # A node of a tree with up to eight children, packed at the front. `planes`: six rows, one for each side of the children's
+    # boxes: low x, high x, low y, high y, low z, high z; an unused slot has low = inf, high = -inf. `child`: references: the
+    # number of a node if not negative; else ~(block << 3 | count - 1), a leaf of `count` triangles in one block, or, in the
+    # tree over the instances, ~(placed mesh << 3).
+    "Node": _struct(("planes", "f4", 48), ("child", "i4", 8)),
+    # Up to eight triangles. `positions`: nine rows: x, y, z of the first corners, of the second, of the third; NaN in unused
+    # lanes. `triangle`: their numbers among the triangles of all placed meshes; NONE in unused lanes.
+    "Block": _struct(("positions", "f4", 72), ("triangle", "u4", 8)),
     # A placed mesh: its transforms (3x4, row-major), object-space bounds, the root of its tree as a child is named in
     # Node, and where its triangles begin among those of all meshes. `number`: which of the scene's instances it is; NONE
-    # if it stands for several, whose triangles then say so themselves.
+    # if it stands for several.
     "Instance": _struct(
         ("to_world", "f4", 12),
         ("to_object", "f4", 12),
         ("low", "f4", 3),
         ("high", "f4", 3),
-        ("root", "u4"),
-        ("root_count", "u4"),
+        ("root", "i4"),
         ("first_triangle", "u4"),
         ("number", "u4"),
     ),
@@ -56,18 +67,26 @@ STRUCTS: dict[str, np.dtype] = {
     ),
     # A texture as a material uses it; `transform`: 2x3, row-major, of texture coordinates.
     "TextureUse": _struct(("texture", "u4"), ("transform", "f4", 6)),
-    # Where a picture's texels begin among those of all pictures; its mip levels follow each other, each half as wide and
-    # high, rounded down, but at least 1. `wrap` of u and v: 0 repeat, 1 clamp, 2 mirror.
+    # Where each mip level of a picture begins among the texels of all pictures; a level is half as wide and high as the one
+    # before, rounded down, but at least 1. `wrap` of u and v: 0 repeat, 1 clamp, 2 mirror.
     "Texture": _struct(
-        ("first_texel", "u4"), ("width", "u4"), ("height", "u4"), ("levels", "u4"), ("wrap", "u4", 2), ("srgb", "u4")
+        ("first_texel", "u4", 32),
+        ("width", "u4"),
+        ("height", "u4"),
+        ("levels", "u4"),
+        ("wrap", "u4", 2),
+        ("srgb", "u4"),
     ),
     # Something that is sampled for direct light. `kind`: 0 point or spot, 1 directional, 2 triangle, 3 environment.
-    # A triangle is named by instance and primitive. `direction`: of a spot's axis; towards a directional light. `power`:
-    # intensity or irradiance. `cone`: a spot's intensity is clamp(cosine * cone[0] + cone[1]) squared; a point's cone is 0, 1.
+    # A triangle is named by instance and primitive; its first corner in the world is `position`, the edges from there are
+    # `direction` and `power`, and cone[0] is the sign of its normal against their cross product. `direction`: of a spot's
+    # axis; towards a directional light. `power`: intensity or irradiance. `cone`: a spot's intensity is clamp(cosine *
+    # cone[0] + cone[1]) squared; a point's cone is 0, 1.
     "Emitter": _struct(
         ("kind", "u4"),
         ("instance", "u4"),
         ("primitive", "u4"),
+        ("material", "u4"),
         ("position", "f4", 3),
         ("direction", "f4", 3),
         ("power", "f4", 3),

@@ -15,6 +15,7 @@ from .frame import FrameGraph
 from .layout import STRUCTS
 from .methods import METHODS, MethodSetup, PathState
 from .output.aov import AOVS
+from .passes.trace import path_count
 from .random import stream_key
 from .resources import SceneResources
 from .scene.model import Camera, Scene
@@ -201,12 +202,10 @@ class Renderer:
         return replace(camera, transform=transform, motion=())
 
     def _image(self, buffer: str) -> np.ndarray:
-        """A buffer of planes as (H, W) or (H, W, 3) float32."""
+        """An image of the graph as (H, W) or (H, W, 3) float32."""
         width, height = self.size
-        planes = self._graph.arrays[buffer].get()
-        if planes.ndim == 1:
-            return planes.reshape(height, width)
-        return np.ascontiguousarray(planes.reshape(-1, height, width).transpose(1, 2, 0))
+        pixels = self._graph.arrays[buffer].get()
+        return pixels.reshape(height, width, *pixels.shape[1:])
 
     def _ray_counts(self, spp: int) -> dict[str, int]:
         secondary, shadow = self._graph.arrays["ray_counts"].get().sum(axis=1, dtype=np.int64)
@@ -244,7 +243,7 @@ def _checked(name: str, value: int, low: int, high: int) -> int:
 
 def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
     width, height = size
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+    if width < 1 or height < 1 or path_count(size) > MAX_PIXELS:
         raise SettingError(f"size {width}x{height}: expected at least 1x1, and at most {MAX_PIXELS} pixels")
     return width, height
 

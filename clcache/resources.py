@@ -7,7 +7,7 @@ from .bvh.build import SceneTrees, instance_records
 from .bvh.tracer import RayKernels
 from .device import Device
 from .layout import STRUCTS
-from .scene.emitters import Emitters, picture_shares
+from .scene.emitters import Emitters, picture_density, picture_shares
 from .scene.geometry import Geometry
 from .scene.model import WRAP_MODES, Scene, TextureUse
 from .scene.textures import mip_chain, srgb_to_linear
@@ -65,6 +65,16 @@ class SceneResources:
         self._upload(self._device, **arrays)
 
     @property
+    def defines(self) -> dict[str, int]:
+        """What kernels over paths are specialised by: the features, and the steps of each binary search."""
+        searched = {
+            "EMITTER_STEPS": self.emitter_count,
+            "SKY_ROW_STEPS": int(self.environment["height"]),
+            "SKY_COLUMN_STEPS": int(self.environment["width"]),
+        }
+        return self.features | {name: max(count - 1, 0).bit_length() for name, count in searched.items()}
+
+    @property
     def emitter_count(self) -> int:
         """Emitters that are sampled."""
         return self.arrays["emitter_list"].size if "emitter_list" in self.arrays else 0
@@ -72,7 +82,7 @@ class SceneResources:
     @property
     def texture_bytes(self) -> int:
         """What pictures take on the device, the environment's and all mip levels included."""
-        pictures = ("texels", "textures", "uses", "sky", "sky_rows", "sky_columns")
+        pictures = ("texels", "textures", "uses", "sky", "sky_rows", "sky_columns", "sky_density", "sky_edges")
         return sum(self.arrays[name].nbytes for name in pictures if name in self.arrays)
 
     def _upload(self, device: Device, **arrays: np.ndarray) -> None:
@@ -87,7 +97,10 @@ class SceneResources:
         self._upload(device, sky=picture.reshape(-1, 3).astype(np.float32))
         if self.features["HAS_SKY_PICTURE"]:
             rows, columns = picture_shares(picture)
+            density = picture_density(rows, columns)
+            edges = np.cos(np.pi * np.arange(height + 1) / height).astype(np.float32)
             self._upload(device, sky_rows=rows, sky_columns=columns.reshape(-1))
+            self._upload(device, sky_density=density.reshape(-1), sky_edges=edges)
 
 
 def _texture_arrays(scene: Scene) -> dict[str, np.ndarray]:
@@ -95,7 +108,9 @@ def _texture_arrays(scene: Scene) -> dict[str, np.ndarray]:
     chains = [mip_chain(t) for t in scene.textures]
     records = np.zeros(len(chains), STRUCTS["Texture"])
     sizes = [sum(level.shape[0] * level.shape[1] for level in chain) for chain in chains]
-    records["first_texel"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    for record, chain, first in zip(records, chains, np.cumsum([0, *sizes[:-1]]), strict=True):
+        texels_before = np.cumsum([0, *(level.shape[0] * level.shape[1] for level in chain[:-1])])
+        record["first_texel"][: len(chain)] = first + texels_before
     records["height"], records["width"] = np.array([chain[0].shape[:2] for chain in chains]).T
     records["levels"] = [len(chain) for chain in chains]
     records["wrap"] = [[WRAP_MODES.index(mode) for mode in t.wrap] for t in scene.textures]
@@ -117,21 +132,23 @@ def _uvs(geometry: Geometry) -> np.ndarray:
 def features(scene: Scene, geometry: Geometry, emitters: Emitters) -> dict[str, bool]:
     """What the scene uses, by the defines that compile it in."""
     materials = scene.materials
-    maps = ("base_color_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
-    is_textured = any(getattr(m, name) is not None for m in materials for name in maps)
+    maps = ("base_color", "metallic_roughness", "emission", "normal")
+    has_maps = {name: any(getattr(m, f"{name}_texture") is not None for m in materials) for name in maps}
     is_emissive = any(any(m.emission) for m in materials)
     sky = scene.environment.radiance
     return {
         "HAS_NORMALS": geometry.normals is not None,
-        "HAS_TEXTURES": is_textured,
+        "HAS_TEXTURES": any(has_maps.values()),
+        **{f"HAS_{name.upper()}_MAPS": is_used for name, is_used in has_maps.items()},
         "HAS_ALPHA": any(m.alpha_cutoff for m in materials),
-        "HAS_NORMAL_MAPS": any(m.normal_texture for m in materials),
+        "HAS_LAMP_HOLES": any(m.alpha_cutoff and any(m.emission) for m in materials),
         "HAS_SPECULAR": any(m.specular > 0 or m.metallic > 0 or m.transmission > 0 for m in materials),
         "HAS_TRANSMISSION": any(m.transmission > 0 for m in materials),
         "HAS_EMISSIVE": is_emissive,
         "HAS_EMISSION": is_emissive or bool(sky.any()),
         "HAS_SKY_PICTURE": sky.shape[:2] != (1, 1) and bool(sky.any()),
         "HAS_DIRECT": len(emitters.records) > 0,
+        "HAS_PUNCTUAL": bool(scene.lights) and len(emitters.records) > 0,
     }
 
 

@@ -1,4 +1,6 @@
 import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -264,3 +266,13 @@ def test_intel_wheel_works():
     if probe.intel_runtime() is None or os.environ.get("OCL_ICD_VENDORS"):
         pytest.skip("needs the wheel intel-opencl-rt")
     assert drivers.probe(drivers.choose("intel")).usable
+
+
+@pytest.mark.parametrize(
+    ("attempt", "survives"),
+    [("True", True), ("False", False), ("os._exit(1)", False), ("os.kill(os.getpid(), 9)", False), ("1 / 0", False)],
+)
+def test_what_ends_the_process_is_tried_in_a_copy(attempt, survives):
+    code = f"import os; from clcache import probe; print(probe._survives(lambda: {attempt}), 'went on')"
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert child.stdout.split("\n")[0] == f"{survives} went on"

@@ -20,13 +20,32 @@ __kernel void turns(
     out[n + i] = cosine;
 }
 
+__kernel void logarithms(
+    __global const float *v,  // (n)
+    __global float *out,      // (n)
+    uint n)
+{
+    uint i = get_global_id(0);
+    if (i < n) out[i] = log2_of(v[i]);
+}
+
+__kernel void angles(
+    __global const float *y,  // (n)
+    __global const float *x,  // (n)
+    __global float *out,      // (n)
+    uint n)
+{
+    uint i = get_global_id(0);
+    if (i < n) out[i] = atan2_turns(y[i], x[i]);
+}
+
 __kernel void unit(
     __global const float *v,  // (3, n)
     __global float *out,      // (3, n)
     uint n)
 {
     uint i = get_global_id(0);
-    if (i < n) store_planes(out, n, i, normalize3(load_planes(v, n, i)));
+    if (i < n) store_planes(out, n, i, normalize3(load_vec3(v, n, i)));
 }
 
 __kernel void products(
@@ -38,8 +57,8 @@ __kernel void products(
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    dots[i] = dot3(load_planes(a, n, i), load_planes(b, n, i));
-    store_planes(crosses, n, i, cross3(load_planes(a, n, i), load_planes(b, n, i)));
+    dots[i] = dot3(load_vec3(a, n, i), load_vec3(b, n, i));
+    store_planes(crosses, n, i, cross3(load_vec3(a, n, i), load_vec3(b, n, i)));
 }
 
 __kernel void transforms(
@@ -53,9 +72,9 @@ __kernel void transforms(
     uint i = get_global_id(0);
     if (i >= n) return;
     Instance placed = instance[0];
-    store_planes(points, n, i, transform_point(placed.to_world, load_planes(v, n, i)));
-    store_planes(vectors, n, i, transform_vector(placed.to_world, load_planes(v, n, i)));
-    store_planes(normals, n, i, transform_normal(placed.to_object, load_planes(v, n, i)));
+    store_planes(points, n, i, transform_point(placed.to_world, load_vec3(v, n, i)));
+    store_planes(vectors, n, i, transform_vector(placed.to_world, load_vec3(v, n, i)));
+    store_planes(normals, n, i, transform_normal(placed.to_object, load_vec3(v, n, i)));
 }
 """
 
@@ -88,6 +107,38 @@ def test_sine_and_cosine_of_every_turn(device, program):
     quarters = np.arange(5) * 2**22
     np.testing.assert_array_equal(sine[quarters], [0, 1, 0, -1, 0])
     np.testing.assert_array_equal(cosine[quarters], [1, 0, -1, 0, 1])
+
+
+def test_logarithm_of_every_magnitude(device, program):
+    """All mantissas of two octaves, and numbers of all normal exponents."""
+    octaves = np.arange(0x3F000000, 0x40000000, dtype=np.uint32).view(np.float32)
+    rng = np.random.default_rng(4)
+    anywhere = rng.integers(0x00800000, 0x7F800000, 2**20, dtype=np.uint32).view(np.float32)
+    for values in (octaves, anywhere, np.float32([1, 2, 0.5, 2**-126])):
+        out = device.empty(values.shape, np.float32)
+        given = device.upload(values)
+        program["logarithms"](given, out, values.size, count=values.size)
+        exact = np.log2(values.astype(np.float64))
+        assert (np.abs(out.get() - exact) <= 1.1e-7 + 2.0**-24 * np.abs(exact)).all()  # the bound that math.cl states
+        device.release(given, out)
+
+
+def test_angles_all_round(device, program):
+    """Directions all round, of any length, and along the axes and diagonals."""
+    n = 2**22
+    angle = 2 * np.pi * (np.arange(n) / n - 0.5)
+    length = 10.0 ** np.random.default_rng(5).uniform(-30, 30, n)
+    x, y = ((length * f(angle)).astype(np.float32) for f in (np.cos, np.sin))
+    out, given = device.empty(n, np.float32), [device.upload(c) for c in (y, x)]
+    program["angles"](*given, out, n, count=n)
+    away = out.get() - np.arctan2(y.astype(np.float64), x) / (2 * np.pi)
+    assert (
+        np.abs(away - np.round(away)).max() < 2.0**-24
+    )  # the bound that math.cl states; half a turn is its opposite's
+    places = np.float32([[0, 0], [0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 1]])
+    out, given = device.empty(9, np.float32), [device.upload(c) for c in places.T]
+    program["angles"](*given, out, 9, count=9)
+    np.testing.assert_allclose(out.get(), [0, 0, 0.125, 0.25, 0.375, 0.5, -0.375, -0.25, -0.125], rtol=0, atol=6e-8)
 
 
 def test_unit_vectors_at_every_scale(device, program):

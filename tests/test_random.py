@@ -25,7 +25,8 @@ __kernel void hash_words(
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    vstore4(pcg4d(vload4(i, v)), i, out);
+    Words words = pcg4d(v[4 * i], v[4 * i + 1], v[4 * i + 2], v[4 * i + 3]);
+    vstore4((uint4)(words.x, words.y, words.z, words.w), i, out);
 }
 
 __kernel void numbers(
@@ -39,7 +40,8 @@ __kernel void numbers(
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    vstore4(random4(pixel[i], sample, dimension, (uint2)(key_low, key_high)), i, out);
+    Random random = random4(pixel[i], sample, dimension, key_low, key_high);
+    vstore4((float4)(random.x, random.y, random.z, random.w), i, out);
 }
 """
 

@@ -113,7 +113,7 @@ def test_progress(scene, stereo):
 def test_programs_are_announced_before_they_are_built(scene):
     names = []
     Renderer(scene, size=SIZE, on_compile=names.append)
-    assert {"bvh/build.cl", "bvh/trace.cl", "scene/surface.cl", "pathtrace/shade.cl"} <= set(names)
+    assert {"bvh/build.cl", "bvh/trace.cl", "pathtrace/generate.cl", "pathtrace/shade.cl"} <= set(names)
     assert len(names) == len(set(names))
 
 

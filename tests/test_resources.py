@@ -68,16 +68,20 @@ def test_all_that_a_scene_has_is_there(device):
         ({"environment": SKY}, {"HAS_EMISSION", "HAS_SKY_PICTURE", "HAS_DIRECT"}),
         ({"environment": Environment(0 * SKY.radiance)}, set()),
         ({"materials": (grey(0.5, 0.1),)}, {"HAS_EMISSION", "HAS_EMISSIVE", "HAS_DIRECT"}),
-        ({"lights": (PointLight((0, 0, 0), (1, 1, 1)),)}, {"HAS_DIRECT"}),
+        ({"lights": (PointLight((0, 0, 0), (1, 1, 1)),)}, {"HAS_DIRECT", "HAS_PUNCTUAL"}),
         ({"lights": (PointLight((0, 0, 0), BLACK),)}, set()),
         ({"meshes": (ball(smooth=True),)}, {"HAS_NORMALS"}),
-        ({"materials": (textured(base_color=0),), "textures": (checkered(),)}, {"HAS_TEXTURES"}),
+        ({"materials": (textured(base_color=0),), "textures": (checkered(),)}, {"HAS_TEXTURES", "HAS_BASE_COLOR_MAPS"}),
         ({"materials": (textured(normal=0),), "textures": (checkered(),)}, {"HAS_TEXTURES", "HAS_NORMAL_MAPS"}),
         ({"materials": (Material("m", specular=0.5),)}, {"HAS_SPECULAR"}),
         ({"materials": (Material("m", metallic=0.5),)}, {"HAS_SPECULAR"}),
         ({"materials": (Material("m", transmission=0.5),)}, {"HAS_SPECULAR", "HAS_TRANSMISSION"}),
         ({"materials": (Material("m", alpha_cutoff=0.5),)}, {"HAS_ALPHA"}),
         ({"materials": (Material("m", alpha_cutoff=0.0),)}, set()),
+        (
+            {"materials": (Material("m", alpha_cutoff=0.5, emission=(0.1,) * 3),)},
+            {"HAS_ALPHA", "HAS_LAMP_HOLES", "HAS_EMISSION", "HAS_EMISSIVE", "HAS_DIRECT"},
+        ),
     ],
 )
 def test_each_feature_by_itself(device, changes, features):
@@ -170,19 +174,17 @@ def test_textures(device):
     scene = lit(floor(), camera=CAMERA, materials=[textured(base_color=1)], textures=textures)
     resources = SceneResources(device, scene)
     records, texels = resources.arrays["textures"].get(), resources.arrays["texels"].get()
-    np.testing.assert_array_equal(records["first_texel"], [0, 7, 8])
+    np.testing.assert_array_equal(records["first_texel"][:, :3], [[0, 6, 0], [7, 0, 0], [8, 16, 18]])
     np.testing.assert_array_equal(records["levels"], [2, 1, 3])
     np.testing.assert_array_equal(np.column_stack([records["width"], records["height"]]), sizes)
     np.testing.assert_array_equal(records["wrap"], [[0, 1], [2, 0], [1, 2]])
     np.testing.assert_array_equal(records["srgb"], [1, 0, 1])
     for record, picture, texture in zip(records, pictures, textures, strict=True):
-        first = record["first_texel"]
-        for level in [picture, *mip_chain(texture)[1:]]:
+        for first, level in zip(record["first_texel"], [picture, *mip_chain(texture)[1:]], strict=False):
             count = level.shape[0] * level.shape[1]
             stored = texels[first : first + count].reshape(level.shape[:2])
             for channel in range(4):
                 np.testing.assert_array_equal(stored >> (8 * channel) & 255, level[..., channel])
-            first += count
     of_pictures = ("texels", "textures", "uses", "sky")
     assert resources.texture_bytes == sum(resources.arrays[name].nbytes for name in of_pictures)
 

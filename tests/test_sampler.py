@@ -27,7 +27,8 @@ __kernel void numbers(
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    vstore4(sample4(pixel[i], sample[i], dimension[i], (uint2)(key0, key1)), i, out);
+    Random random = sample4(pixel[i], sample[i], dimension[i], key0, key1);
+    vstore4((float4)(random.x, random.y, random.z, random.w), i, out);
 }
 
 __kernel void scrambled(

@@ -31,8 +31,9 @@ TIME_LIMIT = 300  # seconds for a case; the slowest takes about 5
 
 # A report is a line and what is indented below it.
 REPORT = re.compile(r"^\S.*\n(?:\t.*\n)+", re.MULTILINE)
-# PyOpenCL asks devices for properties of vendors' extensions, and takes a refusal for an answer.
-HARMLESS = "Function: clGetDeviceInfo"
+# PyOpenCL asks devices for properties of vendors' extensions, and takes a refusal for an answer. Of vectors of sixteen, of
+# which traversal is made, the simulator calls some uninitialised that are not.
+HARMLESS = re.compile(r"Function: clGetDeviceInfo|uninitialized value\n\tKernel: (closest|any)_hit")
 
 
 def driver() -> Path | None:
@@ -55,14 +56,14 @@ def run(case: str) -> list[str]:
         "OCLGRIND_CHECK_API": "1",
         "OCLGRIND_DATA_RACES": "1",
         "OCLGRIND_UNINITIALIZED": "1",
-        "PYOPENCL_BUILD_OPTIONS": "-cl-opt-disable",
+        "PYOPENCL_BUILD_OPTIONS": "-cl-opt-disable -DINLINED=inline",
         "PYOPENCL_NO_CACHE": "1",
         "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")])),
     }
     environment.pop("CLCACHE_DEVICE", None)
     command = [sys.executable, __file__, "--here", case]
     child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT)
-    reports = [r for r in REPORT.findall(child.stderr) if HARMLESS not in r]
+    reports = [r for r in REPORT.findall(child.stderr) if not HARMLESS.search(r)]
     if child.returncode or f"{case} is done" not in child.stdout:
         raise RuntimeError(f"case {case} failed under Oclgrind:\n{child.stdout}{child.stderr}")
     return reports

@@ -14,6 +14,9 @@ from .build import SceneTrees
 
 MISS = 0xFFFFFFFF
 HIT_DTYPE = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("primitive", "u4"), ("instance", "u4")])
+# Rays of a packet, and those among which packets are formed of rays that are not alike; as in cl/bvh/packet.cl.
+_PACKET = 16
+_CHUNK = 4096
 
 
 class RayKernels:
@@ -32,7 +35,11 @@ class RayKernels:
     ):
         has_instances = trees.placed.size > 1 or trees.merged.number[0] != NONE
         self._program = device.program(
-            "bvh/trace.cl", HAS_ALPHA=has_alpha, HAS_TEXTURES=has_textures, HAS_INSTANCES=bool(has_instances)
+            "bvh/trace.cl",
+            HAS_ALPHA=has_alpha,
+            HAS_TEXTURES=has_textures,
+            HAS_INSTANCES=bool(has_instances),
+            STACK_SIZE=_stack_size(trees.depth),
         )
         self._trees, self._surfaces = trees, surfaces if has_alpha else {}
 
@@ -43,10 +50,16 @@ class RayKernels:
         t_mins: cl_array.Array | None,
         lengths: cl_array.Array,
         *hits: cl_array.Array,
+        coherent: bool = False,
+        count: cl_array.Array | None = None,
     ) -> cl.Event | None:
-        """Enqueue: origins, directions (3, n); t_mins, lengths (n,); hits t (n,), uv (2, n), primitive, instance (n,)."""
+        """Enqueue: origins, directions (3, n); t_mins, lengths (n,); hits t (n,), uv (2, n), primitive, instance (n,).
+
+        coherent: each 16 rays in a row are alike, and are traced together; the results are the same bits. count: (1,) uint32,
+        how many of the rays, from the first on, are traced; nothing is said of the others' hits.
+        """
         results = dict(zip(("t", "uv", "primitive", "instance"), hits, strict=True))
-        return self._launch("closest_hit", origins, directions, t_mins, lengths, results)
+        return self._launch("closest_hit", origins, directions, t_mins, lengths, results, coherent, count)
 
     def any_hit(
         self,
@@ -55,15 +68,25 @@ class RayKernels:
         t_mins: cl_array.Array | None,
         lengths: cl_array.Array,
         occluded: cl_array.Array,
+        coherent: bool = False,
+        count: cl_array.Array | None = None,
     ) -> cl.Event | None:
         """Enqueue: rays as for `closest_hit`; occluded (n,) uint8."""
-        return self._launch("any_hit", origins, directions, t_mins, lengths, {"occluded": occluded})
+        return self._launch("any_hit", origins, directions, t_mins, lengths, {"occluded": occluded}, coherent, count)
 
-    def _launch(self, kernel: str, origins, directions, t_mins, lengths, results) -> cl.Event | None:
-        rays = {"origins": origins, "directions": directions, "t_mins": t_mins, "lengths": lengths}
+    def _launch(self, kernel: str, origins, directions, t_mins, lengths, results, coherent, count) -> cl.Event | None:
+        rays = {"origins": origins, "directions": directions, "t_mins": t_mins, "lengths": lengths, "count": count}
         n, trees = lengths.size, self._trees
-        scalars = {"n": n, "placements": trees.placed.size, "top_root": trees.top_root}
-        return self._program[kernel].run(n, rays, results, trees.arrays, self._surfaces, **scalars)
+        scalars = {"n": n, "joined": trees.joined_instance.size, "top_root": trees.top_root}
+        name, rays_each = (f"{kernel}_packets", _PACKET) if coherent else (kernel, _CHUNK)
+        items = -(-n // rays_each)
+        return self._program[name].run(items, rays, results, trees.arrays, self._surfaces, **scalars)
+
+
+def _stack_size(depth: int) -> int:
+    """Entries that the walk over a tree of so many levels may need: seven children wait at each. A power of two, so that
+    kernels are compiled for few different sizes."""
+    return max(128, 1 << (7 * depth).bit_length())
 
 
 class Tracer:

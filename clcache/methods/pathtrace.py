@@ -11,7 +11,6 @@ from math import inf
 from ..frame import Pass, Repeat
 from ..passes.film import (
     AddRadiance,
-    AddSample,
     AddSquare,
     Clear,
     Mean,
@@ -21,23 +20,27 @@ from ..passes.film import (
     Variance,
     film_buffers,
 )
-from ..passes.shade import Direct, Emission, Shade, Surface, path_buffers
-from ..passes.trace import Generate, Shadow, Trace, ray_buffers
+from ..passes.shade import Finish, FirstHits, Shade, path_buffers
+from ..passes.trace import Generate, OrderPixels, Shadow, Trace, TraceCamera, path_count, ray_buffers
 from .method import Method, MethodSetup, PathState
 
 
 def pathtrace(setup: MethodSetup) -> Method:
     """The passes of path tracing."""
-    device, n = setup.device, setup.size[0] * setup.size[1]
+    device, (width, height) = setup.device, setup.size
+    n = path_count(setup.size)
     sobol = setup.settings["pathtrace.sampler"] == "sobol"
     sample = [
         Generate(device, setup.scene, sobol),
-        *_first_hits(setup),
-        *_bounces(setup, sobol),
+        TraceCamera(setup.scene),
+        NearestDepth(device),
+        FirstHits(device, setup.scene, sobol),
+        *_vertices(setup, sobol),
         AddRadiance(device),
         AddSquare(device),
     ]
     passes = (
+        OrderPixels(device, setup.scene, setup.size, sobol),
         *(Clear(b) for b in ("ray_counts", "color_sum", "color_lost", "square_sum", "albedo_sum", "N_sum")),
         Clear("aov_Z", inf),
         Repeat("samples", sample, count=lambda s: s.samples - s.begin, advance=_at_sample),
@@ -47,39 +50,25 @@ def pathtrace(setup: MethodSetup) -> Method:
         Mean(device, "albedo_sum", "aov_albedo"),
         MeanDirection(device, "N_sum", "aov_N"),
     )
-    return Method(passes, (*ray_buffers(n), *path_buffers(n), *film_buffers(n)))
+    return Method(passes, (*ray_buffers(n), *path_buffers(n), *film_buffers(n, width * height)))
 
 
 def _at_sample(state: PathState, index: int) -> PathState:
     return replace(state, sample=state.begin + index)
 
 
-def _first_hits(setup: MethodSetup) -> list[Pass]:
-    device, scene = setup.device, setup.scene
-    return [
-        Trace(scene),
-        NearestDepth(device),
-        Surface(device, scene),
-        AddSample(device, "albedo", "albedo_sum"),
-        AddSample(device, "shading_normal", "N_sum"),
-    ]
-
-
-def _bounces(setup: MethodSetup, sobol: bool) -> list[Pass]:
+def _vertices(setup: MethodSetup, sobol: bool) -> list[Pass]:
     device, scene, settings = setup.device, setup.scene, setup.settings
     last = settings["pathtrace.bounces"]
     gathers_hits, is_lit = scene.features["HAS_EMISSION"], scene.features["HAS_DIRECT"]
     passes: list[Pass] = []
     for vertex in range(last + 1):
         if vertex > 0:
-            passes += [Trace(scene), Surface(device, scene)]
-        if gathers_hits:
-            passes += [Emission(device, scene)]
+            passes += [Trace(scene)]
         is_last = vertex == last and not gathers_hits
         passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol)]
         if is_lit:
-            passes += [Shadow(scene), Direct(device, scene)]
+            passes += [Shadow(scene)]
     if gathers_hits:
-        passes += [Trace(scene), *([Surface(device, scene)] if scene.features["HAS_EMISSIVE"] else [])]
-        passes += [Emission(device, scene)]
-    return passes
+        passes += [Trace(scene)]
+    return [*passes, Finish(device, scene, sobol)]

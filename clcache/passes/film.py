@@ -8,20 +8,20 @@ from ..device import Device, fill
 from ..frame import Buffer, Pass
 
 
-def film_buffers(n: int) -> list[Buffer]:
-    """A frame's images, as planes, and the sums that they come from."""
+def film_buffers(n: int, pixels: int) -> list[Buffer]:
+    """The sums over a frame's samples, in the order of the n paths, as planes, and its images, in the order of the pixels."""
     return [
         Buffer("color_sum", (3, n)),
         Buffer("color_lost", (3, n)),
-        Buffer("color", (3, n)),
+        Buffer("color", (pixels, 3)),
         Buffer("square_sum", (3, n)),
-        Buffer("aov_variance", (3, n)),
-        Buffer("aov_samples", (n,)),
+        Buffer("aov_variance", (pixels, 3)),
+        Buffer("aov_samples", (pixels,)),
         Buffer("albedo_sum", (3, n)),
-        Buffer("aov_albedo", (3, n)),
+        Buffer("aov_albedo", (pixels, 3)),
         Buffer("N_sum", (3, n)),
-        Buffer("aov_N", (3, n)),
-        Buffer("aov_Z", (n,)),
+        Buffer("aov_N", (pixels, 3)),
+        Buffer("aov_Z", (pixels,)),
     ]
 
 
@@ -35,21 +35,6 @@ class Clear(Pass):
         """Set every element to the value."""
         if state.begin == 0:
             yield fill(arrays[self.writes[0]], self._value)
-
-
-class AddSample(Pass):
-    """Sum a quantity of the first hits over the samples."""
-
-    def __init__(self, device: Device, values: str, total: str):
-        self.name = total
-        self.reads, self.writes = (values, total), (total,)
-        self._kernel = device.program("pathtrace/film.cl")["add_sample"]
-
-    def run(self, arrays, state) -> Iterable[cl.Event | None]:
-        """Add this sample's values."""
-        values, total = (arrays[b] for b in self.reads)
-        n = values.shape[1]
-        yield self._kernel(values, total, n, count=n)
 
 
 class AddRadiance(Pass):
@@ -89,7 +74,7 @@ class Variance(Pass):
     """The variance of each pixel's mean."""
 
     name = "aov_variance"
-    reads = ("color_sum", "square_sum")
+    reads = ("pixel", "color_sum", "square_sum")
     writes = ("aov_variance",)
 
     def __init__(self, device: Device):
@@ -97,9 +82,10 @@ class Variance(Pass):
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Estimate it from the sums so far."""
-        total, squares = (arrays[b] for b in self.reads)
-        n = total.shape[1]
-        yield self._kernel(total, squares, arrays["aov_variance"], n, state.samples, count=n)
+        pixel, total, squares = (arrays[b] for b in self.reads)
+        variance = arrays["aov_variance"]
+        n, pixels = pixel.size, variance.shape[0]
+        yield self._kernel(pixel, total, squares, variance, n, pixels, state.samples, count=n)
 
 
 class SampleCount(Pass):
@@ -117,7 +103,7 @@ class NearestDepth(Pass):
     """The depth of the nearest first hit of the samples."""
 
     name = "aov_Z"
-    reads = ("ray_direction", "hit_t", "aov_Z")
+    reads = ("pixel", "ray_direction", "hit_t", "aov_Z")
     writes = ("aov_Z",)
 
     def __init__(self, device: Device):
@@ -125,31 +111,31 @@ class NearestDepth(Pass):
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Compare this sample's depths."""
-        n = arrays["hit_t"].shape[0]
-        yield self._kernel(*(arrays[b] for b in self.reads), state.camera, n, count=n)
+        n, pixels = arrays["pixel"].size, arrays["aov_Z"].size
+        yield self._kernel(*(arrays[b] for b in self.reads), state.camera, n, pixels, count=n)
 
 
 class Mean(Pass):
     """The mean of a sum over samples."""
 
     def __init__(self, device: Device, total: str, average: str):
-        self.name, self.reads, self.writes = average, (total,), (average,)
+        self.name, self.reads, self.writes = average, ("pixel", total), (average,)
         self._kernel = device.program("pathtrace/film.cl")["mean"]
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Divide by the number of samples."""
-        total, average = arrays[self.reads[0]], arrays[self.writes[0]]
-        yield self._kernel(total, average, total.shape[1], state.samples, count=total.shape[1])
+        pixel, total, average = (arrays[b] for b in (*self.reads, *self.writes))
+        yield self._kernel(pixel, total, average, pixel.size, average.shape[0], state.samples, count=pixel.size)
 
 
 class MeanDirection(Pass):
     """The mean of summed directions, of unit length."""
 
     def __init__(self, device: Device, total: str, average: str):
-        self.name, self.reads, self.writes = average, (total,), (average,)
+        self.name, self.reads, self.writes = average, ("pixel", total), (average,)
         self._kernel = device.program("pathtrace/film.cl")["mean_direction"]
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Normalise the sums."""
-        total, average = arrays[self.reads[0]], arrays[self.writes[0]]
-        yield self._kernel(total, average, total.shape[1], count=total.shape[1])
+        pixel, total, average = (arrays[b] for b in (*self.reads, *self.writes))
+        yield self._kernel(pixel, total, average, pixel.size, average.shape[0], count=pixel.size)

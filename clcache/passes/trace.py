@@ -1,4 +1,5 @@
-"""Rays in, hits out. The buffers `ray_*` and `shadow_*` are planes over the paths of a sample, one path for each pixel."""
+"""Rays in, hits out. Buffers are planes over the paths of a sample, one path for each pixel, in the order of
+`cl/common/pixel_order.cl`; `pixel` says which is whose. A ray of length 0 is none."""
 
 from collections.abc import Iterable
 
@@ -9,13 +10,21 @@ from ..frame import Buffer, Pass
 from ..resources import SceneResources
 
 HITS = ("hit_t", "hit_uv", "hit_primitive", "hit_instance")
+_BLOCK = 4  # of pixel_order.cl
+
+
+def path_count(size: tuple[int, int]) -> int:
+    """How many paths an image of this width and height has: whole blocks of pixels."""
+    return -(-size[0] // _BLOCK) * -(-size[1] // _BLOCK) * _BLOCK**2
 
 
 def ray_buffers(n: int) -> list[Buffer]:
-    """The path's current ray, and what it hit."""
+    """The path's pixel, its current ray, and what that hit."""
     return [
+        Buffer("pixel", (n,), "u4", persistent=True),
         Buffer("ray_origin", (3, n)),
         Buffer("ray_direction", (3, n)),
+        Buffer("ray_start", (n,)),
         Buffer("ray_length", (n,)),
         Buffer("cone", (2, n)),
         Buffer("hit_t", (n,)),
@@ -25,21 +34,56 @@ def ray_buffers(n: int) -> list[Buffer]:
     ]
 
 
+class OrderPixels(Pass):
+    """Which pixel each path belongs to (`cl/common/pixel_order.cl`): found out once."""
+
+    name = "order"
+    writes = ("pixel",)
+
+    def __init__(self, device: Device, scene: SceneResources, size: tuple[int, int], sobol: bool):
+        self._size = {"width": size[0], "height": size[1]}
+        self._kernel = device.program("pathtrace/generate.cl", SOBOL=sobol, **scene.features)["order_pixels"]
+        self._is_done = False
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """One pixel for each path."""
+        if self._is_done:
+            return
+        self._is_done, n = True, arrays["pixel"].size
+        yield self._kernel.run(n, arrays, n=n, **self._size)
+
+
 class Generate(Pass):
     """Camera rays, and paths that have gathered nothing yet (`cl/pathtrace/generate.cl`)."""
 
     name = "generate"
+    reads = ("pixel",)
 
     def __init__(self, device: Device, scene: SceneResources, sobol: bool):
-        self._kernel = device.program("pathtrace/generate.cl", SOBOL=sobol)["generate"]
+        self._kernel = device.program("pathtrace/generate.cl", SOBOL=sobol, **scene.features)["generate"]
         carried = [("density", scene.features["HAS_EMISSION"]), ("cone", scene.features["HAS_TEXTURES"])]
         used = tuple(buffer for buffer, is_used in carried if is_used)
-        self.writes = ("ray_origin", "ray_direction", "ray_length", "throughput", "radiance", *used)
+        self.writes = ("ray_origin", "ray_direction", "ray_start", "ray_length", "throughput", "radiance", *used)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One camera ray for each pixel of the state's camera."""
         n = arrays["ray_length"].size
         yield self._kernel.run(n, arrays, n=n, camera=state.camera, **state.sampling)
+
+
+class TraceCamera(Pass):
+    """The nearest hits of the camera's rays, of which neighbouring paths have like ones (`cl/bvh/trace.cl`)."""
+
+    name = "trace"
+    reads = ("ray_origin", "ray_direction", "ray_start", "ray_length")
+    writes = HITS
+
+    def __init__(self, scene: SceneResources):
+        self._rays = scene.rays
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """One traversal for each path."""
+        yield self._rays.closest_hit(*(arrays[b] for b in (*self.reads, *HITS)), coherent=True)
 
 
 class Trace(Pass):
@@ -59,7 +103,8 @@ class Trace(Pass):
 
 
 class Shadow(Pass):
-    """Whether anything stands between the paths' points and the lights that they chose (`cl/bvh/trace.cl`)."""
+    """Whether anything stands between the paths' points and the lights that they chose (`cl/bvh/trace.cl`). Even the first
+    hits' rays are not alike enough to gain from going as packets."""
 
     name = "shadow"
     reads = ("shadow_origin", "shadow_direction", "shadow_length")

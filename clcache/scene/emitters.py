@@ -94,6 +94,16 @@ def picture_shares(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
+def picture_density(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(h, w) float32: with which density per solid angle a picture's directions are found by these shares."""
+    height, width = columns.shape
+    of_row = np.diff(rows.astype(np.float64), prepend=0.0)
+    of_column = np.diff(columns.astype(np.float64), axis=1, prepend=0.0)
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    angle = 2 * np.pi / width * (edges[:-1] - edges[1:])
+    return (of_column * (of_row / angle)[:, None]).astype(np.float32)
+
+
 def _is_sampled(picture: np.ndarray) -> bool:
     """A sky of one colour is found best by the surfaces' own rays."""
     return picture.shape[:2] != (1, 1) and bool((picture @ _LUMINANCE).any())
@@ -126,9 +136,14 @@ def _emissive_triangles(geometry: Geometry, is_emissive: np.ndarray) -> tuple[np
         matrix = geometry.to_world[instance, :, :3].astype(np.float64)
         edge1, edge2 = (corners[:, 1] - corners[:, 0]) @ matrix.T, (corners[:, 2] - corners[:, 0]) @ matrix.T
         records = np.zeros(len(primitive), STRUCTS["Emitter"])
+        material = geometry.material[first + primitive]
         records["kind"], records["instance"], records["primitive"] = _TRIANGLE, instance, primitive
+        records["material"] = material
+        records["position"] = corners[:, 0] @ matrix.T + geometry.to_world[instance, :, 3]
+        records["direction"], records["power"] = edge1, edge2
+        records["cone"][:, 0] = np.sign(np.linalg.det(matrix))
         area = 0.5 * np.linalg.norm(np.cross(edge1, edge2), axis=1)
-        parts.append((records, area, geometry.material[first + primitive]))
+        parts.append((records, area, material))
     if not parts:
         return np.zeros(0, STRUCTS["Emitter"]), np.zeros(0), np.zeros(0, np.int64)
     return tuple(np.concatenate(column) for column in zip(*parts, strict=True))

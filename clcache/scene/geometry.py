@@ -39,7 +39,7 @@ class Geometry:
         """Gather a scene's meshes and instances."""
         meshes = scene.meshes
         first_vertex = _starts(len(m.positions) for m in meshes)
-        used = [m.positions[np.unique(m.triangles)] for m in meshes]
+        bounds = [_bounds(_compacted(m.positions, m.triangles)[0]) for m in meshes]
         to_world, to_object = _transforms(scene, 0.0)
         return cls(
             positions=np.concatenate([m.positions for m in meshes]).astype(np.float32),
@@ -50,7 +50,7 @@ class Geometry:
             normals=_optional([m.normals for m in meshes], [m.positions for m in meshes], 3),
             uvs=_optional([m.uvs for m in meshes], [m.positions for m in meshes], 2),
             first_triangle=_starts(len(m.triangles) for m in meshes),
-            mesh_bounds=np.array([[*p.min(axis=0), *p.max(axis=0)] for p in used], np.float32).T.copy(),
+            mesh_bounds=np.array(bounds, np.float32).T.copy(),
             instance_mesh=np.array([i.mesh for i in scene.instances]),
             to_world=to_world,
             to_object=to_object,
@@ -72,50 +72,47 @@ class Merged:
     that a ray descends a single tree for all of them; the others follow as they are, and so do those that stand so far from
     the origin, for their size, that float32 would deform them there.
 
-    geometry: meshes, instances and their numbers here; without normals and texture coordinates. instance: (t,) uint32,
-    the scene's instance that a triangle belongs to, or NONE where its mesh is placed more than once. primitive: (t,)
-    uint32, its number in its mesh of the scene. number: (i,) uint32, the scene's instance of each instance here, or NONE for
-    the merged mesh.
+    geometry: meshes, instances and their numbers here; without normals and texture coordinates. number: (i,) uint32, the
+    scene's instance of each instance here, or NONE for the merged mesh, which is the first if there is one. joined_instance:
+    (k,) uint32, the scene's instances in the merged mesh. joined_first: (k + 1,) uint32, the first triangle of each, and where
+    the last ends; in itself each is as its mesh in the scene.
     """
 
     geometry: Geometry
-    instance: np.ndarray
-    primitive: np.ndarray
     number: np.ndarray
+    joined_instance: np.ndarray
+    joined_first: np.ndarray
 
     @classmethod
     def of(cls, geometry: Geometry, moves: np.ndarray) -> "Merged":
         """moves: (i,) bool, which of the instances are not always where they are now."""
         uses = np.bincount(geometry.instance_mesh, minlength=len(geometry.first_triangle) - 1)
         joins = (uses[geometry.instance_mesh] == 1) & ~moves & _keeps_shape(geometry)
-        parts = [_Part.joined(geometry, np.flatnonzero(joins))] if joins.any() else []
-        apart = np.flatnonzero(~joins)
+        together, apart = np.flatnonzero(joins), np.flatnonzero(~joins)
+        parts = [_Part.joined(geometry, together)] if len(together) else []
         meshes, mesh_here = np.unique(geometry.instance_mesh[apart], return_inverse=True)
         parts += [_Part.of_mesh(geometry, mesh) for mesh in meshes]
         first_vertex = _starts(len(p.positions) for p in parts)
         identity = np.eye(3, 4, dtype=np.float32)[None][: int(joins.any())]
         joined = len(identity)
         merged = Geometry(
-            positions=np.concatenate([p.positions for p in parts]),
-            triangles=np.concatenate(
-                [p.triangles + np.uint32(start) for p, start in zip(parts, first_vertex, strict=False)]
-            ),
+            positions=_stacked([p.positions for p in parts]),
+            triangles=_stacked([_shifted(p.triangles, start) for p, start in zip(parts, first_vertex, strict=False)]),
             material=np.zeros(0, np.uint32),
             normals=None,
             uvs=None,
             first_triangle=_starts(len(p.triangles) for p in parts),
-            mesh_bounds=np.array(
-                [[*p.positions.min(axis=0), *p.positions.max(axis=0)] for p in parts], np.float32
-            ).T.copy(),
+            mesh_bounds=np.array([_bounds(p.positions) for p in parts], np.float32).T.copy(),
             instance_mesh=np.concatenate([np.arange(joined), mesh_here + joined]).astype(np.int64),
             to_world=np.concatenate([identity, geometry.to_world[apart]]),
             to_object=np.concatenate([identity, geometry.to_object[apart]]),
         )
+        sizes = np.diff(geometry.first_triangle)[geometry.instance_mesh[together]]
         return cls(
             merged,
-            np.concatenate([p.instance for p in parts]),
-            np.concatenate([p.primitive for p in parts]),
             np.concatenate([np.full(joined, NONE), apart]).astype(np.uint32),
+            together.astype(np.uint32),
+            _starts(sizes).astype(np.uint32),
         )
 
     def at(self, geometry: Geometry) -> "Merged":
@@ -135,19 +132,11 @@ class _Part:
 
     positions: np.ndarray
     triangles: np.ndarray
-    instance: np.ndarray
-    primitive: np.ndarray
 
     @classmethod
     def of_mesh(cls, geometry: Geometry, mesh: int) -> "_Part":
         triangles = geometry.triangles[geometry.first_triangle[mesh] : geometry.first_triangle[mesh + 1]]
-        used, renumbered = np.unique(triangles, return_inverse=True)
-        return cls(
-            geometry.positions[used],
-            renumbered.reshape(-1, 3).astype(np.uint32),
-            np.full(len(triangles), NONE, np.uint32),
-            np.arange(len(triangles), dtype=np.uint32),
-        )
+        return cls(*_compacted(geometry.positions, triangles))
 
     @classmethod
     def joined(cls, geometry: Geometry, instances: np.ndarray) -> "_Part":
@@ -155,11 +144,41 @@ class _Part:
         parts = [cls.of_mesh(geometry, geometry.instance_mesh[i]) for i in instances]
         starts = _starts(len(p.positions) for p in parts)
         return cls(
-            np.concatenate([_placed(p.positions, geometry.to_world[i]) for p, i in zip(parts, instances, strict=True)]),
-            np.concatenate([p.triangles + np.uint32(start) for p, start in zip(parts, starts, strict=False)]),
-            np.repeat(instances.astype(np.uint32), [len(p.triangles) for p in parts]),
-            np.concatenate([p.primitive for p in parts]),
+            _stacked([_placed(p.positions, geometry.to_world[i]) for p, i in zip(parts, instances, strict=True)]),
+            _stacked([_shifted(p.triangles, start) for p, start in zip(parts, starts, strict=False)]),
         )
+
+
+def _stacked(parts: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate(parts) if len(parts) > 1 else parts[0]
+
+
+def _shifted(triangles: np.ndarray, by: int) -> np.ndarray:
+    """The numbers of vertices `by` higher; not copied where that is none."""
+    return (triangles + np.int64(by)).astype(np.uint32) if by else triangles
+
+
+def _compacted(positions: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The positions that the triangles use, in order, and the triangles in terms of these."""
+    first, end = int(triangles.min()), int(triangles.max()) + 1
+    is_used = np.zeros(end - first, bool)
+    positions, triangles = positions[first:end], _shifted(triangles, -first)
+    is_used[triangles.ravel()] = True
+    if is_used.all():
+        return positions, triangles
+    return positions[is_used], (np.cumsum(is_used, dtype=np.uint32) - np.uint32(1))[triangles]
+
+
+def _bounds(points: np.ndarray) -> np.ndarray:
+    """(6,): low and high of (n, 3) points. NumPy is fast along long rows only: first bounds of many points side by side."""
+    width = 256
+    whole = len(points) // width * width
+    rows = points[:whole].reshape(-1, 3 * width)
+    candidates = [points[whole:]]
+    if whole:
+        candidates += [rows.min(axis=0).reshape(-1, 3), rows.max(axis=0).reshape(-1, 3)]
+    few = np.concatenate(candidates)
+    return np.concatenate([few.min(axis=0), few.max(axis=0)])
 
 
 def _keeps_shape(geometry: Geometry) -> np.ndarray:
@@ -171,6 +190,8 @@ def _keeps_shape(geometry: Geometry) -> np.ndarray:
 
 def _placed(positions: np.ndarray, to_world: np.ndarray) -> np.ndarray:
     """Points in world space; exact for the identity."""
+    if np.array_equal(to_world, np.eye(3, 4)):
+        return positions
     matrix = to_world.astype(np.float64)
     return (positions @ matrix[:, :3].T + matrix[:, 3]).astype(np.float32)
 

@@ -6,12 +6,8 @@ from helpers import IDENTITY, blob, cube, make_mesh, make_scene, moved, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clcache.bvh import SceneTrees
-from clcache.bvh.build import LEAF_SIZE
+from clcache.bvh import SceneTrees, build
 from clcache.scene.geometry import NONE, Geometry, instance_bounds
-
-# Levels that the stacks of cl/bvh/trace.cl have room for.
-MAX_DEPTH = 96
 
 
 def twins(n):
@@ -39,6 +35,16 @@ def clustered(n):
     return make_mesh(corners.reshape(-1, 3), np.arange(3 * n))
 
 
+def growing(n, ratio):
+    """Triangles side by side, each `ratio` times as large as the one before: every one but the first fits its smaller neighbour best."""
+    sizes = ratio ** np.arange(n)
+    begins = np.cumsum(sizes) - sizes
+    corners = np.zeros((n, 3, 3))
+    corners[..., 0] = begins[:, None] + sizes[:, None] * [0, 1, 0]
+    corners[:, 2, 1] = sizes
+    return make_mesh(corners.reshape(-1, 3), np.arange(3 * n))
+
+
 SCENES = {
     **{f"{n} triangles": (lambda n=n: [soup(n, n)]) for n in (*range(1, 10), 63, 64, 65, 1000)},
     "blob": lambda: [blob(4)],
@@ -46,68 +52,108 @@ SCENES = {
     "concentric": lambda: [concentric(777)],
     "flat": lambda: [flat(500)],
     "clustered": lambda: [clustered(60), twins(300), clustered(30)],
+    "growing": lambda: [growing(100, 2.0), growing(2000, 1.004)],
     "many": lambda: [soup(1 + k % 5, k) for k in range(300)],
     "mixed": lambda: [soup(1, 1), blob(2), twins(9), soup(5, 2), cube(), soup(4, 3)],
     "tiny and far": lambda: [moved(blob(2), 1e-6), moved(blob(2), 1, [1e6, 0, 0]), moved(cube(), 1e6)],
 }
 
 
-def walk(nodes, root, root_count):
-    """Visit a tree: its leaves as (begin, count), how many levels of inner nodes it has, and these."""
-    leaves, depth, inner = [], 0, []
-    level = [(int(root), int(root_count))]
-    while level:
-        below = []
-        for child, count in level:
-            if count:
-                leaves.append((child, count))
-            else:
-                inner.append(child)
-                below += zip(nodes["child"][child].tolist(), nodes["count"][child].tolist(), strict=True)
-        assert len(inner) <= len(nodes)  # else nodes are their own descendants
-        depth += bool(below)
-        level = below
-    return leaves, depth, inner
+# How trees come about: small scenes are only divided; and so that all steps meet them: clustered to the end, and clustered somewhat,
+# then divided in long ranges and short ones.
+WAYS = {
+    "divided": {},
+    "clustered": {"_FEW_CLUSTERS": 1, "_BOXES_EACH": 1 << 30},
+    "both": {"_FEW_CLUSTERS": 8, "_BOXES_EACH": 3, "_SHORT": 20},
+}
 
 
-def check_tree(nodes, root, root_count, low, high, leaf_size):
-    """low, high: (n, 3), the boxes in the tree's order. Returns which of them the leaves hold, and the depth."""
-    leaves, depth, inner = walk(nodes, root, root_count)
-    covered = np.concatenate([np.arange(begin, begin + count) for begin, count in leaves])
-    assert max(count for _, count in leaves) <= leaf_size
-    assert len(set(inner)) == len(inner) == len(leaves) - 1
-    for node in inner:
-        for side in range(2):
-            child, count = int(nodes["child"][node, side]), int(nodes["count"][node, side])
-            below = np.concatenate([np.arange(b, b + c) for b, c in walk(nodes, child, count)[0]])
-            np.testing.assert_array_equal(nodes["low"][node].reshape(2, 3)[side], low[below].min(axis=0))
-            np.testing.assert_array_equal(nodes["high"][node].reshape(2, 3)[side], high[below].max(axis=0))
-    return covered, depth
+@pytest.fixture(params=WAYS)
+def way(request, monkeypatch):
+    """Each way in turn."""
+    for name, value in WAYS[request.param].items():
+        monkeypatch.setattr(build, name, value)
+    return request.param
+
+
+def check_tree(nodes, reference, read_leaf):
+    """Walk a tree; read_leaf(~reference): a leaf's items and the box around them. Returns all items, the box, the levels of nodes, and
+    the nodes."""
+    if reference < 0:
+        items, low, high = read_leaf(~reference)
+        return items, low, high, 0, []
+    planes = nodes["planes"][reference].reshape(3, 2, 8)
+    is_used = np.isfinite(planes[0, 0])
+    count = np.count_nonzero(is_used)
+    assert count >= 2 and is_used[:count].all()
+    assert (planes[:, 0, count:] == np.inf).all() and (planes[:, 1, count:] == -np.inf).all()
+    assert (nodes["child"][reference, count:] == 0).all()
+    items, lows, highs, depth, seen = [], [], [], 0, [reference]
+    for slot in range(count):
+        child = int(nodes["child"][reference, slot])
+        assert child < 0 or reference < child < len(nodes)
+        below, low, high, levels, inner = check_tree(nodes, child, read_leaf)
+        np.testing.assert_array_equal(planes[:, 0, slot], low)
+        np.testing.assert_array_equal(planes[:, 1, slot], high)
+        items, depth, seen = items + below, max(depth, levels + 1), seen + inner
+        lows.append(low)
+        highs.append(high)
+    return items, np.min(lows, axis=0), np.max(highs, axis=0), depth, seen
+
+
+def block_reader(blocks, geometry):
+    """Read and check leaves that are blocks of triangles."""
+    corners = geometry.positions[geometry.triangles]
+
+    def read(leaf):
+        block, count = leaf >> 3, (leaf & 7) + 1
+        triangle = blocks["triangle"][block]
+        assert (triangle[count:] == NONE).all() and (triangle[:count] < len(corners)).all()
+        positions = blocks["positions"][block].reshape(3, 3, 8).transpose(2, 0, 1)
+        np.testing.assert_array_equal(positions[:count], corners[triangle[:count]])
+        assert np.isnan(positions[count:]).all()
+        return triangle[:count].tolist(), positions[:count].min(axis=(0, 1)), positions[:count].max(axis=(0, 1))
+
+    return read
+
+
+def check_scene_trees(trees):
+    """Every invariant of the trees of meshes; the depth of the deepest."""
+    geometry = trees.merged.geometry
+    nodes, blocks, records = trees.nodes.get(), trees.blocks.get(), trees.placed.get()
+    read = block_reader(blocks, geometry)
+    mesh, first = geometry.instance_mesh, geometry.first_triangle
+    depth, seen = 0, []
+    for k in range(len(first) - 1):
+        (root,) = set(records["root"][mesh == k].tolist())
+        items, low, high, levels, inner = check_tree(nodes, root, read)
+        assert sorted(items) == list(range(first[k], first[k + 1]))
+        assert (records["low"][mesh == k] == low).all() and (records["high"][mesh == k] == high).all()
+        assert (records["first_triangle"][mesh == k] == first[k]).all()
+        depth, seen = max(depth, levels), seen + inner
+    assert len(seen) == len(set(seen)) and len(nodes) == max(len(seen), 1)
+    return depth
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_trees_of_meshes(device, name):
+def test_trees_of_meshes(device, way, name):
     meshes = SCENES[name]()
     trees = SceneTrees(device, Geometry.of(make_scene(*meshes)), moves=np.ones(len(meshes), bool))
-    geometry = trees.merged.geometry
-    nodes, leaves, records = trees.nodes.get(), trees.leaves.get(), trees.placed.get()
-    assert len(nodes) == len(geometry.triangles) - 1
-    corners = leaves[:, :, :3]
-    number = leaves[:, 0, 3].copy().view(np.uint32)
-    for k, mesh in enumerate(meshes):
-        begin, end = geometry.first_triangle[k], geometry.first_triangle[k + 1]
-        root, root_count = records["root"][k], records["root_count"][k]
-        assert root_count == (len(mesh.triangles) if len(mesh.triangles) <= LEAF_SIZE else 0)
-        covered, depth = check_tree(nodes, root, root_count, corners.min(axis=1), corners.max(axis=1), LEAF_SIZE)
-        np.testing.assert_array_equal(np.sort(covered), np.arange(begin, end))
-        np.testing.assert_array_equal(np.sort(number[begin:end]), np.arange(len(mesh.triangles)))
-        np.testing.assert_array_equal(corners[begin:end], mesh.positions[mesh.triangles[number[begin:end]]])
-        assert depth <= MAX_DEPTH
-        np.testing.assert_array_equal(records["low"][k], corners[begin:end].min(axis=(0, 1)))
-        np.testing.assert_array_equal(records["high"][k], corners[begin:end].max(axis=(0, 1)))
-        assert records["first_triangle"][k] == begin
-        assert records["number"][k] == k
-        assert (leaves[begin:end, 1, 3].copy().view(np.uint32) == NONE).all()
+    depth = check_scene_trees(trees)
+    top = (
+        check_tree(trees.top_nodes.get(), trees.top_root, lambda leaf: ([leaf >> 3], np.zeros(3), np.ones(3)))[3]
+        if (len(meshes) == 1)
+        else trees.depth
+    )
+    assert trees.depth == max(depth, top) or len(meshes) > 1 and trees.depth >= depth
+    assert trees.placed.get()["number"].tolist() == list(range(len(meshes)))
+
+
+@pytest.mark.parametrize("count", [1, 8, 9])
+def test_a_mesh_of_up_to_a_block_is_a_leaf(device, count):
+    trees = SceneTrees(device, Geometry.of(make_scene(soup(count, 1))))
+    (root,) = trees.placed.get()["root"].tolist()
+    assert root == (~(count - 1) if count <= 8 else 0)
 
 
 def test_meshes_that_stand_alone_are_one(device):
@@ -116,32 +162,61 @@ def test_meshes_that_stand_alone_are_one(device):
     shift = np.column_stack([np.diag([2.0, 1.0, -1.0]), [1.0, 2.0, 3.0]])
     scene = make_scene(*meshes, instances=[(1, shift), (3, IDENTITY), (0, IDENTITY), (2, IDENTITY), (2, shift)])
     trees = SceneTrees(device, Geometry.of(scene), moves=np.array([False, True, False, False, False]))
-    placed, leaves = trees.placed.get(), trees.leaves.get()
+    check_scene_trees(trees)
+    placed, blocks = trees.placed.get(), trees.blocks.get()
     assert placed["number"].tolist() == [NONE, 1, 3, 4]
+    assert placed["first_triangle"].tolist() == [0, 32, 27, 27]
     np.testing.assert_array_equal(placed["to_object"][0], np.eye(3, 4).ravel())
-    names = leaves[:27, :2, 3].copy().view(np.uint32)
-    assert sorted(map(tuple, names)) == sorted([(k, 0) for k in range(20)] + [(k, 2) for k in range(7)])
-    for (primitive, instance), corners in zip(names, leaves[:27, :, :3], strict=True):
-        mesh = meshes[1 if instance == 0 else 0]
+    assert trees.joined_first.get().tolist() == [0, 20, 27]
+    assert trees.joined_instance.get().tolist() == [0, 2]
+    block, lane = np.nonzero(blocks["triangle"] < 27)
+    for k in range(27):
+        triangle = blocks["triangle"][block[k], lane[k]]
+        corners = blocks["positions"][block[k]].reshape(3, 3, 8)[:, :, lane[k]]
+        mesh, primitive = (meshes[1], triangle) if triangle < 20 else (meshes[0], triangle - 20)
         local = mesh.positions[mesh.triangles[primitive]].astype(float)
-        world = local @ shift[:, :3].T + shift[:, 3] if instance == 0 else local
+        world = local @ shift[:, :3].T + shift[:, 3] if triangle < 20 else local
         np.testing.assert_array_equal(corners, world.astype(np.float32))
-    assert (leaves[27:, 1, 3].copy().view(np.uint32) == NONE).all()
+
+
+def test_nothing_is_joined(device):
+    trees = SceneTrees(device, Geometry.of(make_scene(cube())), moves=np.array([True]))
+    assert trees.joined_first.get().tolist() == [0]
+    assert trees.joined_instance.shape == (1,)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 64, 1000])
-def test_tree_of_instances(device, count):
+def test_tree_of_instances(device, way, count):
     rng = np.random.default_rng(count)
     matrices = [np.column_stack([np.eye(3) * rng.uniform(0.1, 2), rng.uniform(-9, 9, 3)]) for _ in range(count)]
     geometry = Geometry.of(make_scene(soup(5, 1), cube(), instances=[(k % 2, m) for k, m in enumerate(matrices)]))
     trees = SceneTrees(device, geometry, moves=np.ones(count, bool))
-    order = trees.top_order.get()
     low, high = instance_bounds(geometry)
-    covered, depth = check_tree(trees.top_nodes.get(), trees.top_root, count == 1, low[order], high[order], leaf_size=1)
-    np.testing.assert_array_equal(np.sort(covered), np.arange(count))
-    np.testing.assert_array_equal(np.sort(order), np.arange(count))
-    assert depth <= MAX_DEPTH
+
+    def read(leaf):
+        assert leaf & 7 == 0
+        return [leaf >> 3], low[leaf >> 3], high[leaf >> 3]
+
+    items, _, _, depth, _ = check_tree(trees.top_nodes.get(), trees.top_root, read)
+    assert sorted(items) == list(range(count))
+    assert trees.depth == max(depth, check_scene_trees(trees))
     np.testing.assert_array_equal(trees.bounds.get(), [*low.min(axis=0), *high.max(axis=0)])
+
+
+def test_equal_triangles_in_masses_are_halved(device, way):
+    """A hundred thousand times the same box: an even tree, not one that grows by one box a round."""
+    trees = SceneTrees(device, Geometry.of(make_scene(twins(100_000))))
+    assert trees.depth <= 10
+    assert np.sort(trees.blocks.get()["triangle"], axis=None)[:100_000].tolist() == list(range(100_000))
+
+
+@pytest.mark.parametrize("ratio", [1.0001, 1.01])
+def test_boxes_that_each_want_the_one_before_join_all_the_same(device, way, ratio, monkeypatch):
+    rounds, build_sum = [], SceneTrees._sum
+    monkeypatch.setattr(SceneTrees, "_sum", lambda self, counts: (rounds.append(1), build_sum(self, counts))[1])
+    trees = SceneTrees(device, Geometry.of(make_scene(growing(5000, ratio))))
+    check_scene_trees(trees)
+    assert len(rounds) < 200
 
 
 def test_boxes_of_instances_hold_what_float32_makes_of_their_corners():
@@ -175,7 +250,7 @@ def test_transforms_to_object_space_invert_the_rounded_ones():
 def sort_on(device, keys, bits):
     """The device's radix sort, alone: sorted keys, and where each came from."""
     trees = SceneTrees.__new__(SceneTrees)
-    trees._device, trees._program = device, device.program("bvh/build.cl")
+    trees._device, trees._program = device, device.program("bvh/build.cl", **build._DEFINES)
     order = np.arange(len(keys), dtype=np.uint32)
     sorted_keys, sorted_order = trees._sort(device.upload(keys), device.upload(order), bits)
     return sorted_keys.get(), sorted_order.get()
@@ -207,53 +282,64 @@ def morton_in_python(place, bits):
     return code
 
 
+def keys_on(device, points, begins, bounds, axis_bits):
+    """The kernel's keys of boxes that are points, and the order that it begins with."""
+    n, segments = len(points), len(begins) - 1
+    keys, order = device.empty(n, np.uint64), device.empty(n, np.uint32)
+    boxes = device.upload(np.concatenate([points, points], axis=1))
+    kernel = device.program("bvh/build.cl", **build._DEFINES)["morton_keys"]
+    arrays = device.upload(np.array(begins, np.uint32)), device.upload(np.float32(bounds))
+    kernel(boxes, *arrays, keys, order, n, segments, axis_bits, count=n)
+    np.testing.assert_array_equal(order.get(), np.arange(n))
+    return keys.get()
+
+
 @pytest.mark.parametrize("axis_bits", [1, 10, 21])
 def test_morton_codes(device, axis_bits):
     """Boxes that are points, at the middles of random cells of the unit cube, in two segments."""
     rng = np.random.default_rng(axis_bits)
     cells = rng.integers(0, 2**axis_bits, (200, 3))
     cells[:2] = [[0], [2**axis_bits - 1]]
-    points = ((cells + 0.5) / 2**axis_bits).astype(np.float32)
-    segment = (np.arange(200) % 2).astype(np.uint32)
-    bounds = np.repeat(np.float32([[0], [0], [0], [1], [1], [1]]), 2, axis=1)
-    keys, order = device.empty(200, np.uint64), device.empty(200, np.uint32)
-    boxes = device.upload(np.concatenate([points.T, points.T]))
-    kernel = device.program("bvh/build.cl")["morton_keys"]
-    kernel(boxes, device.upload(segment), device.upload(bounds), keys, order, 200, 2, axis_bits, count=200)
-    expected = [(k % 2) << (3 * axis_bits) | morton_in_python(cells[k], axis_bits) for k in range(200)]
-    np.testing.assert_array_equal(keys.get(), np.array(expected, np.uint64))
-    np.testing.assert_array_equal(order.get(), np.arange(200))
+    # Exact in float32 for 21 bits too: twice the middle would need 22.
+    points = ((cells + (0.5 if axis_bits < 21 else 0.0)) / 2**axis_bits).astype(np.float32)
+    begins = [0, 70, 200]
+    keys = keys_on(device, points, begins, np.tile([0, 0, 0, 1, 1, 1], (2, 1)), axis_bits)
+    segment = np.searchsorted(begins, np.arange(200), side="right") - 1
+    expected = [int(s) << (3 * axis_bits) | morton_in_python(c, axis_bits) for s, c in zip(segment, cells, strict=True)]
+    np.testing.assert_array_equal(keys, np.array(expected, np.uint64))
 
 
 def test_points_on_the_far_side_of_the_bounds_stay_in_the_last_cell(device):
-    points = np.float32([[0, 0, 0], [1, 1, 1], [1, 0, 1]]).T
-    bounds = device.upload(np.float32([[0, 0, 0, 1, 1, 1]]).T)
-    keys, order = device.empty(3, np.uint64), device.empty(3, np.uint32)
-    kernel = device.program("bvh/build.cl")["morton_keys"]
-    segment = device.upload(np.zeros(3, np.uint32))
-    kernel(device.upload(np.concatenate([points, points])), segment, bounds, keys, order, 3, 1, 4, count=3)
-    np.testing.assert_array_equal(keys.get(), [0, 0xFFF, 0b101101101101])
+    points = np.float32([[0, 0, 0], [1, 1, 1], [1, 0, 1]])
+    keys = keys_on(device, points, [0, 3], [[0, 0, 0, 1, 1, 1]], 4)
+    np.testing.assert_array_equal(keys, [0, 0xFFF, 0b101101101101])
 
 
 # Whole builds
 
 
-def test_build_does_not_depend_on_the_work_group_size(device, other_groups):
+def test_build_does_not_depend_on_the_work_group_size(device, other_groups, way):
     geometry = Geometry.of(make_scene(blob(3), twins(100), soup(33, 9)))
     first, second = (SceneTrees(d, geometry) for d in (device, other_groups))
-    for name in ("nodes", "leaves", "top_nodes", "top_order", "placed", "bounds"):
-        assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes(), name
+    assert first.arrays.keys() == {
+        *("top_nodes", "nodes", "blocks", "placed", "bounds", "joined_first", "joined_instance")
+    }
+    for name in first.arrays:
+        assert first.arrays[name].get().tobytes() == second.arrays[name].get().tobytes(), name
+    assert first.depth == second.depth
 
 
-def test_nearby_triangles_share_subtrees(device):
-    """The keys do their work: boxes of a tree over ordered space are far smaller than those over shuffled triangles."""
+def test_nearby_triangles_share_blocks(device, way):
+    """The blocks of a tree over ordered space are far smaller than the scene."""
     trees = SceneTrees(device, Geometry.of(make_scene(soup(4000, 10, 0.01))))
-    nodes = trees.nodes.get()
-    extent = (nodes["high"] - nodes["low"]).reshape(-1, 2, 3)
+    positions = trees.blocks.get()["positions"].reshape(-1, 3, 3, 8)
+    extent = np.nanmax(positions, axis=(1, 3)) - np.nanmin(positions, axis=(1, 3))
     assert np.median(extent.prod(axis=-1)) < 8 / 500
 
 
-def test_build_gives_back_what_it_needs_no_more(device):
+def test_build_gives_back_what_it_needs_no_more(device, way):
     before = device.allocated
     trees = SceneTrees(device, Geometry.of(make_scene(blob(3), cube())))
+    assert device.allocated - before == trees.nbytes
+    trees.move(trees.merged.geometry)
     assert device.allocated - before == trees.nbytes

@@ -135,3 +135,20 @@ def test_a_room_of_several_instances(device, scale, offset):
     tracer = Tracer(make_scene(*walls, instances=[(k, IDENTITY) for k in range(8)]), device)
     origins = inside(30_000, rng, scale, offset)
     assert leaks(tracer, origins, edge_targets(whole, 30_000, rng) - origins).size == 0
+
+
+def test_rays_that_part_into_many_instances(device):
+    """Tubes far apart, each turned its own way; rays beside each other start in different ones and aim at long edges."""
+    rng = np.random.default_rng(8)
+    shape = tunnel(32, half_length=500.0)
+    turns = Rotation.random(216, random_state=9).as_matrix()
+    places = 4000.0 * np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    placed = [(0, np.column_stack([turn, place])) for turn, place in zip(turns, places, strict=True)]
+    tracer = Tracer(make_scene(shape, instances=placed), device)
+    own = rng.integers(216, size=100_000)
+    targets = edge_targets(shape, 100_000, rng) + rng.normal(size=(100_000, 3)) * 10.0 ** rng.uniform(
+        -5, -2, (100_000, 1)
+    )
+    directions = np.einsum("rij,rj->ri", turns[own], targets).astype(np.float32)
+    hits = tracer.closest_hit(places[own].astype(np.float32), directions)
+    np.testing.assert_array_equal(hits["instance"], own)

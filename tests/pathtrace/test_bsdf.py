@@ -26,9 +26,9 @@ SOURCE = """
 inline Bsdf read_bsdf(__global const float *v)
 {
     Bsdf bsdf;
-    bsdf.diffuse = load_row(v, 0);
-    bsdf.f0 = load_row(v, 1);
-    bsdf.transmitted = load_row(v, 2);
+    bsdf.diffuse = row3(v, 0);
+    bsdf.f0 = row3(v, 1);
+    bsdf.transmitted = row3(v, 2);
     bsdf.f90 = v[9];
     bsdf.alpha = v[10];
     bsdf.eta = v[11];
@@ -48,7 +48,7 @@ __kernel void evaluate(
     if (i >= n) return;
     Bsdf bsdf = read_bsdf(model);
     float found;
-    store_planes(value, n, i, evaluate_bsdf(&bsdf, load_planes(out, n, i), load_planes(in, n, i), &found));
+    store_planes(value, n, i, evaluate_bsdf(&bsdf, load_vec3(out, n, i), load_vec3(in, n, i), &found));
     density[i] = found;
 }
 
@@ -64,8 +64,8 @@ __kernel void sample(
     uint i = get_global_id(0);
     if (i >= n) return;
     Bsdf bsdf = read_bsdf(model);
-    float3 u = load_planes(random, n, i);
-    Scattered s = sample_bsdf(&bsdf, load_planes(out, n, i), u.x, u.y, u.z);
+    Vec3 u = load_vec3(random, n, i);
+    Scattered s = sample_bsdf(&bsdf, load_vec3(out, n, i), u.x, u.y, u.z);
     store_planes(in, n, i, s.direction);
     store_planes(weight, n, i, s.weight);
     density[i] = s.density;
@@ -79,8 +79,8 @@ __kernel void frame(
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    float3 t, b;
-    make_frame(load_planes(normal, n, i), &t, &b);
+    Vec3 t, b;
+    make_frame(load_vec3(normal, n, i), &t, &b);
     store_planes(tangent, n, i, t);
     store_planes(bitangent, n, i, b);
 }

@@ -11,9 +11,9 @@ from clcache import program as program_module
 from clcache.scene.generators import plane
 from clcache.scene.model import Environment, Material, Texture, TextureUse
 
-SHADOW_WEIGHT = "power_heuristic(light.density, found_otherwise)"  # of shade.cl
-RAY_WEIGHT = "power_heuristic(density[i], found_otherwise)"  # of gather.cl
-FOUND_BY_RAYS_ONLY = "(isinf(density[i]) || !(found_otherwise > 0.0f) ? 1.0f : 0.0f)"
+SHADOW_WEIGHT = "power_heuristic(light_sample.density, found_otherwise)"  # for shadow rays
+RAY_WEIGHT = "power_heuristic(density, found_otherwise)"  # for the paths' own rays
+FOUND_BY_RAYS_ONLY = "(isinf(density) || !(found_otherwise > 0.0f) ? 1.0f : 0.0f)"
 WEIGHTS = {"both": (SHADOW_WEIGHT, RAY_WEIGHT), "shadow rays": ("1.0f", FOUND_BY_RAYS_ONLY), "rays": ("0.0f", "1.0f")}
 SIZE = (8, 6)
 ROUGHNESSES = {"rough": 0.9, "glossy": 0.3}

@@ -146,14 +146,21 @@ def test_rough_reflection_widens_the_cone(device, tmp_path):
         "NORMALS",
         "TEXTURES",
         "ALPHA",
+        "BASE_COLOR_MAPS",
+        "METALLIC_ROUGHNESS_MAPS",
+        "EMISSION_MAPS",
         "NORMAL_MAPS",
         "TRANSMISSION",
         "EMISSIVE",
         "EMISSION",
         "SKY_PICTURE",
         "DIRECT",
+        "PUNCTUAL",
+        "LAMP_HOLES",
     )
-    program = build(device, SPREAD, tmp_path, SOBOL=False, HAS_SPECULAR=True, **{f"HAS_{n}": False for n in names})
+    program = build(
+        device, SPREAD, tmp_path, SOBOL=False, EMITTER_STEPS=0, HAS_SPECULAR=True, **{f"HAS_{n}": False for n in names}
+    )
     alpha = np.append(np.linspace(0, 1, 1001), [1 - 2.0**-24, 1e-20]).astype(np.float32)
     spread = device.empty(len(alpha), np.float32)
     program["spreads"](device.upload(alpha), spread, len(alpha), count=len(alpha))

@@ -20,47 +20,44 @@
 #define ALPHA_SMOOTH 1e-3f
 #define LEAST_CONTRAST 1e-3f  // of eta to 1: a boundary with less of it is a window, however rough: it bends nothing
 
+#define LEAST_DENSITY 1e-37f    // of a sample that counts: the reciprocal is finite
+
 typedef struct Bsdf {
-    float3 diffuse;      // albedo below the interface: base (1 - metallic) (1 - transmission)
-    float3 f0;
+    Vec3 diffuse;      // albedo below the interface: base (1 - metallic) (1 - transmission)
+    Vec3 f0;
     float f90;
-    float alpha;         // squared roughness
-    float3 transmitted;  // base (1 - metallic) transmission
-    float eta;           // refractive index beyond the surface over that on the side of `out`
+    float alpha;       // squared roughness
+    Vec3 transmitted;  // base (1 - metallic) transmission
+    float eta;         // refractive index beyond the surface over that on the side of `out`
     bool thin;
 } Bsdf;
 
 typedef struct Scattered {
-    float3 direction;
-    float3 weight;  // f |cos| / density
+    Vec3 direction;
+    Vec3 weight;    // f |cos| / density
     float density;  // per solid angle; infinite for a mirror or window
 } Scattered;
 
-inline float luminance(float3 color)
-{
-    return 0.2126f * color.x + 0.7152f * color.y + 0.0722f * color.z;
-}
-
 // Unit vectors that make a right-handed frame with the unit vector n (Duff et al. 2017, JCGT 6(1)).
-inline void make_frame(float3 n, float3 *tangent, float3 *bitangent)
+inline void make_frame(Vec3 n, Vec3 *tangent, Vec3 *bitangent)
 {
     float sign = copysign(1.0f, n.z);
     float a = -1.0f / (sign + n.z), b = n.x * n.y * a;
-    *tangent = (float3)(1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x);
-    *bitangent = (float3)(b, sign + n.y * n.y * a, -n.y);
+    *tangent = vec3(1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x);
+    *bitangent = vec3(b, sign + n.y * n.y * a, -n.y);
 }
 
-inline float3 sample_cosine(float u1, float u2)
+inline Vec3 sample_cosine(float u1, float u2)
 {
     float sine, cosine, radius = sqrt(u1);
     sincos_turns(u2, &sine, &cosine);
-    return (float3)(radius * cosine, radius * sine, sqrt(1.0f - u1));
+    return vec3(radius * cosine, radius * sine, sqrt(1.0f - u1));
 }
 
 #if HAS_SPECULAR
 
 // Density of microfacet normals. The form that does not cancel at small alpha.
-inline float ggx_density(float3 h, float alpha)
+inline float ggx_density(Vec3 h, float alpha)
 {
     float x = h.x / alpha, y = h.y / alpha;
     float s = x * x + y * y + h.z * h.z;
@@ -68,30 +65,30 @@ inline float ggx_density(float3 h, float alpha)
 }
 
 // Smith's Lambda: how much of a direction's view is masked.
-inline float smith_lambda(float3 w, float alpha)
+inline float smith_lambda(Vec3 w, float alpha)
 {
     float zz = w.z * w.z;
     return 0.5f * (sqrt(1.0f + alpha * alpha * (w.x * w.x + w.y * w.y) / zz) - 1.0f);
 }
 
-inline float smith_g1(float3 w, float alpha)
+inline float smith_g1(Vec3 w, float alpha)
 {
     return 1.0f / (1.0f + smith_lambda(w, alpha));
 }
 
 // A microfacet normal as seen from `out` (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps").
-inline float3 sample_visible_normal(float3 out, float alpha, float u1, float u2)
+INLINED Vec3 sample_visible_normal(Vec3 out, float alpha, float u1, float u2)
 {
-    float3 stretched = normalize3((float3)(alpha * out.x, alpha * out.y, out.z));
+    Vec3 stretched = normalize3(vec3(alpha * out.x, alpha * out.y, out.z));
     float sine, cosine;
     sincos_turns(u1, &sine, &cosine);
     float z = (1.0f - u2) * (1.0f + stretched.z) - stretched.z;
     float radius = sqrt(clamp(1.0f - z * z, 0.0f, 1.0f));
-    float3 h = (float3)(radius * cosine, radius * sine, z) + stretched;
-    return normalize3((float3)(alpha * h.x, alpha * h.y, fmax(h.z, 0.0f)));
+    Vec3 h = add3(vec3(radius * cosine, radius * sine, z), stretched);
+    return normalize3(vec3(alpha * h.x, alpha * h.y, fmax(h.z, 0.0f)));
 }
 
-inline float visible_normal_density(float3 out, float3 h, float alpha)
+inline float visible_normal_density(Vec3 out, Vec3 h, float alpha)
 {
     return smith_g1(out, alpha) * fmax(dot3(out, h), 0.0f) * ggx_density(h, alpha) / out.z;
 }
@@ -100,11 +97,10 @@ inline float visible_normal_density(float3 out, float3 h, float alpha)
 inline float dielectric_fresnel(float cosine, float eta)
 {
     float sine2 = (1.0f - cosine * cosine) / (eta * eta);
-    if (sine2 >= 1.0f) return 1.0f;
-    float refracted = sqrt(1.0f - sine2);
+    float refracted = sqrt(fmax(1.0f - sine2, 0.0f));
     float parallel = (eta * cosine - refracted) / (eta * cosine + refracted);
     float perpendicular = (cosine - eta * refracted) / (cosine + eta * refracted);
-    return 0.5f * (parallel * parallel + perpendicular * perpendicular);
+    return sine2 >= 1.0f ? 1.0f : 0.5f * (parallel * parallel + perpendicular * perpendicular);
 }
 
 inline bool transmits(const Bsdf *bsdf)
@@ -123,17 +119,19 @@ inline bool is_rough(const Bsdf *bsdf)
     return bsdf->alpha >= ALPHA_SMOOTH && bends;
 }
 
-inline float3 fresnel(const Bsdf *bsdf, float cosine)
+inline Vec3 fresnel(const Bsdf *bsdf, float cosine)
 {
-#if HAS_TRANSMISSION
-    if (transmits(bsdf)) return (float3)(dielectric_fresnel(cosine, bsdf->eta));
-#endif
     float c = 1.0f - clamp(cosine, 0.0f, 1.0f), c2 = c * c;
-    return bsdf->f0 + ((float3)(bsdf->f90) - bsdf->f0) * (c2 * c2 * c);
+    Vec3 schlick = add3(bsdf->f0, scale3(c2 * c2 * c, sub3(all3(bsdf->f90), bsdf->f0)));
+#if HAS_TRANSMISSION
+    return either3(transmits(bsdf), all3(dielectric_fresnel(cosine, bsdf->eta)), schlick);
+#else
+    return schlick;
+#endif
 }
 
 // Chance that a sample is taken from the diffuse part.
-inline float diffuse_chance(const Bsdf *bsdf, float3 out)
+inline float diffuse_chance(const Bsdf *bsdf, Vec3 out)
 {
     float reflected = max_component(fresnel(bsdf, out.z));
     float below = (1.0f - reflected) * max_component(bsdf->diffuse);
@@ -145,14 +143,14 @@ inline float diffuse_chance(const Bsdf *bsdf, float3 out)
 }
 
 // Chance that, at a microfacet, the reflected direction is taken and not the transmitted one.
-inline float reflection_chance(const Bsdf *bsdf, float3 f)
+inline float reflection_chance(const Bsdf *bsdf, Vec3 f)
 {
     return transmits(bsdf) ? f.x : 1.0f;
 }
 
-inline float3 reflect_about(float3 out, float3 h)
+inline Vec3 reflect_about(Vec3 out, Vec3 h)
 {
-    return 2.0f * dot3(out, h) * h - out;
+    return sub3(scale3(2.0f * dot3(out, h), h), out);
 }
 
 #endif
@@ -160,118 +158,108 @@ inline float3 reflect_about(float3 out, float3 h)
 #if HAS_TRANSMISSION
 
 // The direction behind the surface; zero beyond the critical angle.
-inline float3 refract_about(float3 out, float3 h, float eta)
+inline Vec3 refract_about(Vec3 out, Vec3 h, float eta)
 {
     float cosine = dot3(out, h);
     float sine2 = (1.0f - cosine * cosine) / (eta * eta);
-    if (sine2 >= 1.0f) return (float3)(0.0f);
-    return (cosine / eta - sqrt(1.0f - sine2)) * h - out / eta;
+    float along = cosine / eta - sqrt(fmax(1.0f - sine2, 0.0f));
+    Vec3 refracted = sub3(scale3(along, h), scale3(1.0f / eta, out));
+    return either3(sine2 >= 1.0f, all3(0.0f), refracted);
 }
 
 // f |cos| of transmission into `in` (in.z < 0), and the density of sampling it, given that a microfacet was chosen.
-inline float3 evaluate_transmission(const Bsdf *bsdf, float3 out, float3 in, float *density)
+INLINED Vec3 evaluate_transmission(const Bsdf *bsdf, Vec3 out, Vec3 in, float *density)
 {
-    *density = 0.0f;
-    float3 mirrored = (float3)(in.x, in.y, -in.z);
+    Vec3 mirrored = vec3(in.x, in.y, -in.z);
     bool straight = bsdf->thin;
-    float3 h = straight ? out + mirrored : -(out + bsdf->eta * in);
+    Vec3 h = either3(straight, add3(out, mirrored), negate3(add3(out, scale3(bsdf->eta, in))));
     h = normalize3(h);
-    h = h.z < 0.0f ? -h : h;
+    h = either3(h.z < 0.0f, negate3(h), h);
     float out_h = dot3(out, h), in_h = straight ? dot3(mirrored, h) : dot3(in, h);
-    if (!(out_h > 0.0f) || (straight ? in_h <= 0.0f : in_h >= 0.0f) || !(h.z > 0.0f)) return (float3)(0.0f);
+    bool possible = out_h > 0.0f && (straight ? in_h > 0.0f : in_h < 0.0f) && h.z > 0.0f;
     float passed = 1.0f - fresnel(bsdf, out_h).x;
-    float jacobian;
-    if (straight) jacobian = 1.0f / (4.0f * out_h);
-    else {
-        float denominator = out_h + bsdf->eta * in_h;
-        jacobian = bsdf->eta * bsdf->eta * fabs(in_h) / (denominator * denominator);
-    }
+    float denominator = out_h + bsdf->eta * in_h;
+    float bent = bsdf->eta * bsdf->eta * fabs(in_h) / (denominator * denominator);
+    float jacobian = straight ? 1.0f / (4.0f * out_h) : bent;
     float visible = visible_normal_density(out, h, bsdf->alpha) * jacobian;
-    *density = passed * visible;
+    *density = possible ? passed * visible : 0.0f;
     // Radiance is compressed by 1 / eta^2 on the way in, and expands on the way out.
     float compression = straight ? 1.0f : 1.0f / (bsdf->eta * bsdf->eta);
-    return bsdf->transmitted * (passed * visible * smith_g1(in, bsdf->alpha) * compression);
+    float value = passed * visible * smith_g1(in, bsdf->alpha) * compression;
+    return scale3(possible ? value : 0.0f, bsdf->transmitted);
 }
 
 #endif
 
 // f |cos| for light from `in`, without mirrors and windows; *density: of sample_bsdf for it, per solid angle.
-inline float3 evaluate_bsdf(const Bsdf *bsdf, float3 out, float3 in, float *density)
+INLINED Vec3 evaluate_bsdf(const Bsdf *bsdf, Vec3 out, Vec3 in, float *density)
 {
 #if !HAS_SPECULAR
     *density = fmax(in.z, 0.0f) * ONE_OVER_PI;
-    return bsdf->diffuse * *density;
+    return scale3(*density, bsdf->diffuse);
 #else
     float chance = diffuse_chance(bsdf, out);
-    bool rough = is_rough(bsdf);
-    *density = 0.0f;
-    if (in.z > 0.0f) {
-        float3 h = normalize3(out + in);
-        float out_h = fmax(dot3(out, h), 0.0f);
-        float3 f = fresnel(bsdf, out_h);
-        float3 value = ((float3)(1.0f) - f) * bsdf->diffuse * (in.z * ONE_OVER_PI);
-        *density = chance * in.z * ONE_OVER_PI;
-        if (rough && out_h > 0.0f) {
-            float d = ggx_density(h, bsdf->alpha);
-            float lambda_out = smith_lambda(out, bsdf->alpha), lambda_in = smith_lambda(in, bsdf->alpha);
-            float g = transmits(bsdf) ? 1.0f / ((1.0f + lambda_out) * (1.0f + lambda_in)) : 1.0f / (1.0f + lambda_out + lambda_in);
-            value += f * (d * g / (4.0f * out.z));
-            *density += (1.0f - chance) * reflection_chance(bsdf, f) * d / ((1.0f + lambda_out) * 4.0f * out.z);
-        }
-        return value;
-    }
+    bool rough = is_rough(bsdf), above = in.z > 0.0f;
+    Vec3 h = normalize3(add3(out, in));
+    float out_h = fmax(dot3(out, h), 0.0f);
+    Vec3 f = fresnel(bsdf, out_h);
+    Vec3 value = scale3(in.z * ONE_OVER_PI, mul3(sub3(all3(1.0f), f), bsdf->diffuse));
+    float found = chance * in.z * ONE_OVER_PI;
+    float d = ggx_density(h, bsdf->alpha);
+    float lambda_out = smith_lambda(out, bsdf->alpha), lambda_in = smith_lambda(in, bsdf->alpha);
+    float g = transmits(bsdf) ? 1.0f / ((1.0f + lambda_out) * (1.0f + lambda_in)) : 1.0f / (1.0f + lambda_out + lambda_in);
+    float visible = (1.0f - chance) * reflection_chance(bsdf, f) * d / ((1.0f + lambda_out) * 4.0f * out.z);
+    bool shines = rough && out_h > 0.0f;
+    value = add3(value, either3(shines, scale3(d * g / (4.0f * out.z), f), all3(0.0f)));
+    found += shines ? visible : 0.0f;
+    value = either3(above, value, all3(0.0f));
+    *density = above ? found : 0.0f;
 #if HAS_TRANSMISSION
-    if (rough && transmits(bsdf) && in.z < 0.0f) {
-        float3 value = evaluate_transmission(bsdf, out, in, density);
-        *density *= 1.0f - chance;
-        return value;
-    }
+    float found_below;
+    Vec3 value_below = evaluate_transmission(bsdf, out, in, &found_below);
+    bool below = rough && transmits(bsdf) && in.z < 0.0f;
+    value = either3(below, value_below, value);
+    *density = below ? found_below * (1.0f - chance) : *density;
 #endif
-    return (float3)(0.0f);
+    return value;
 #endif
 }
 
 // A direction that light comes from. `pick` chooses the part; weight 0: absorbed.
-inline Scattered sample_bsdf(const Bsdf *bsdf, float3 out, float pick, float u1, float u2)
+INLINED Scattered sample_bsdf(const Bsdf *bsdf, Vec3 out, float pick, float u1, float u2)
 {
-    Scattered scattered = { (float3)(0.0f, 0.0f, 1.0f), (float3)(0.0f), 0.0f };
+    Scattered scattered;
 #if !HAS_SPECULAR
     scattered.direction = sample_cosine(u1, u2);
     scattered.density = scattered.direction.z * ONE_OVER_PI;
     scattered.weight = bsdf->diffuse;
-    return scattered;
 #else
     float chance = diffuse_chance(bsdf, out);
-    bool rough = is_rough(bsdf);
-    if (pick < chance) scattered.direction = sample_cosine(u1, u2);
-    else {
-        float rest = (pick - chance) / (1.0f - chance);
-        float3 h = rough ? sample_visible_normal(out, bsdf->alpha, u1, u2) : (float3)(0.0f, 0.0f, 1.0f);
-        float3 f = fresnel(bsdf, dot3(out, h));
-        float reflected = reflection_chance(bsdf, f);
-        bool reflects = rest < reflected;
-        scattered.direction = reflect_about(out, h);
+    bool rough = is_rough(bsdf), is_diffuse = pick < chance;
+    float rest = (pick - chance) / (1.0f - chance);
+    Vec3 h = either3(rough, sample_visible_normal(out, bsdf->alpha, u1, u2), vec3(0.0f, 0.0f, 1.0f));
+    Vec3 f = fresnel(bsdf, dot3(out, h));
+    float reflected = reflection_chance(bsdf, f);
+    bool reflects = rest < reflected;
+    Vec3 mirror = reflect_about(out, h), direction = mirror;
+    float taken = (1.0f - chance) * (reflects ? reflected : 1.0f - reflected);
+    Vec3 passed = f;
 #if HAS_TRANSMISSION
-        if (!reflects) {
-            float3 mirror = scattered.direction;
-            scattered.direction = bsdf->thin ? (float3)(mirror.x, mirror.y, -mirror.z) : refract_about(out, h, bsdf->eta);
-        }
+    Vec3 beyond = either3(bsdf->thin, vec3(mirror.x, mirror.y, -mirror.z), refract_about(out, h, bsdf->eta));
+    direction = either3(reflects, mirror, beyond);
+    float compression = bsdf->thin ? 1.0f : 1.0f / (bsdf->eta * bsdf->eta);
+    passed = either3(reflects, f, scale3((1.0f - f.x) * compression, bsdf->transmitted));
 #endif
-        if (!rough) {
-            float taken = (1.0f - chance) * (reflects ? reflected : 1.0f - reflected);
-            float3 value = f;
-#if HAS_TRANSMISSION
-            float compression = bsdf->thin ? 1.0f : 1.0f / (bsdf->eta * bsdf->eta);
-            if (!reflects) value = bsdf->transmitted * ((1.0f - f.x) * compression);
+    Vec3 smooth_weight = either3(taken > 0.0f, scale3(1.0f / taken, passed), all3(0.0f));
+    direction = either3(is_diffuse, sample_cosine(u1, u2), direction);
+    float density;
+    Vec3 value = evaluate_bsdf(bsdf, out, direction, &density);
+    density = is_diffuse || reflects == (direction.z > 0.0f) ? density : 0.0f;  // else lost on the wrong side
+    Vec3 rough_weight = either3(density >= LEAST_DENSITY, scale3(1.0f / density, value), all3(0.0f));
+    bool is_mirror = !is_diffuse && !rough;
+    scattered.direction = direction;
+    scattered.weight = either3(is_mirror, smooth_weight, rough_weight);
+    scattered.density = is_mirror ? INFINITY : density;
 #endif
-            scattered.weight = taken > 0.0f ? value / taken : (float3)(0.0f);
-            scattered.density = INFINITY;
-            return scattered;
-        }
-        if (reflects != (scattered.direction.z > 0.0f)) return scattered;
-    }
-    float3 value = evaluate_bsdf(bsdf, out, scattered.direction, &scattered.density);
-    scattered.weight = scattered.density > 0.0f ? value / scattered.density : (float3)(0.0f);
     return scattered;
-#endif
 }

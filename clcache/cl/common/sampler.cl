@@ -41,21 +41,23 @@ inline uint sobol_second_reversed(uint index)
     return index;
 }
 
-inline float2 sobol_pair(uint sample, uint order, uint scramble_x, uint scramble_y)
+INLINED void sobol_pair(uint sample, uint order, uint scramble_x, uint scramble_y, float *x, float *y)
 {
     uint index = reverse_bits(scramble_reversed(reverse_bits(sample), order));
-    uint x = reverse_bits(scramble_reversed(index, scramble_x));
-    uint y = reverse_bits(scramble_reversed(sobol_second_reversed(index), scramble_y));
-    return (float2)((float)(x >> 8), (float)(y >> 8)) * 5.9604645e-8f;
+    *x = to_unit(reverse_bits(scramble_reversed(index, scramble_x)));
+    *y = to_unit(reverse_bits(scramble_reversed(sobol_second_reversed(index), scramble_y)));
 }
 
-inline float4 sample4(uint pixel, uint sample, uint dimension, uint2 key)
+INLINED Random sample4(uint pixel, uint sample, uint dimension, uint key0, uint key1)
 {
 #if SOBOL
-    uint4 first = pcg4d((uint4)(pixel, 2 * dimension, key.x, key.y));
-    uint4 second = pcg4d((uint4)(pixel, 2 * dimension + 1, key.x, key.y));
-    return (float4)(sobol_pair(sample, first.x, first.y, first.z), sobol_pair(sample, second.x, second.y, second.z));
+    Words first = pcg4d(pixel, 2 * dimension, key0, key1);
+    Words second = pcg4d(pixel, 2 * dimension + 1, key0, key1);
+    float x, y, z, w;
+    sobol_pair(sample, first.x, first.y, first.z, &x, &y);
+    sobol_pair(sample, second.x, second.y, second.z, &z, &w);
+    return make_random(x, y, z, w);
 #else
-    return random4(pixel, sample, dimension, key);
+    return random4(pixel, sample, dimension, key0, key1);
 #endif
 }

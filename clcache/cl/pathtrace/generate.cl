@@ -1,14 +1,31 @@
-// Camera rays: one for each pixel, through a place in it that the sample's random numbers choose (a box filter). They begin
-// on the near plane. Writes the rays and resets the paths. One work-item per pixel. The cone about a ray begins with no
-// width and the angle of a pixel. Defines: SOBOL.
+// Camera rays: one for each pixel, through a place in it that the sample's random numbers choose (a box filter). All begin at
+// the eye, so that packets of them are traced as such, and count from where they leave the near plane. One work-item per
+// path; a path without a pixel has a ray of length 0, which is none. The cone about a ray begins with no width and the
+// angle of a pixel.
+//
+// Defines: SOBOL, HAS_EMISSION, HAS_TEXTURES.
 
+#include "common/pixel_order.cl"
 #include "common/sampler.cl"
 #include "common/transform.cl"
 #include "pathtrace/dimensions.cl"
 
+// The pixel of each path; NONE where there is none.
+__kernel void order_pixels(
+    __global uint *pixel,  // (n)
+    uint n,
+    uint width,
+    uint height)
+{
+    uint path = get_global_id(0);
+    if (path < n) pixel[path] = pixel_of_path(path, width, height);
+}
+
 __kernel void generate(
+    __global const uint *pixel,     // (n)
     __global float *ray_origin,     // (3, n)
     __global float *ray_direction,  // (3, n)
+    __global float *ray_start,      // (n)
     __global float *ray_length,     // (n)
     __global float *throughput,     // (3, n)
     __global float *radiance,       // (3, n)
@@ -20,22 +37,31 @@ __kernel void generate(
     uint key0,
     uint key1)
 {
-    uint pixel = get_global_id(0);
-    if (pixel >= n) return;
-    uint x = pixel % camera.width, y = pixel / camera.width;
-    float4 random = sample4(pixel, sample, DIMENSION_PIXEL, (uint2)(key0, key1));
-    float across = 2.0f * (((float)x + random.x) / (float)camera.width) - 1.0f;
-    float down = 2.0f * (((float)y + random.y) / (float)camera.height) - 1.0f;
-    float3 on_plane = transform_vector(camera.to_world, (float3)(across * camera.slope[0], -down * camera.slope[1], -1.0f));
-    float3 eye = (float3)(camera.to_world[3], camera.to_world[7], camera.to_world[11]);
-    store_planes(ray_origin, n, pixel, eye + camera.near * on_plane);
-    store_planes(ray_direction, n, pixel, normalize3(on_plane));
-    ray_length[pixel] = INFINITY;
-    store_planes(throughput, n, pixel, (float3)(1.0f));
-    store_planes(radiance, n, pixel, (float3)(0.0f));
-    if (density) density[pixel] = INFINITY;  // as after a mirror: nothing else could have found what this ray finds
-    if (cone) {
-        cone[pixel] = 0.0f;
-        cone[n + pixel] = 2.0f * camera.slope[1] / (float)camera.height;
-    }
+    uint path = get_global_id(0);
+    if (path >= n) return;
+    uint place = pixel[path];
+    bool is_there = place != NONE;
+    place = is_there ? place : 0;
+    Random random = sample4(place, sample, DIMENSION_PIXEL, key0, key1);
+    int row = (int)((float)(int)place / (float)(int)camera.width), column = (int)place - row * (int)camera.width;
+    row = column < 0 ? row - 1 : row;  // what rounding may have done
+    row = column >= (int)camera.width ? row + 1 : row;
+    column = (int)place - row * (int)camera.width;
+    float across = 2.0f * (((float)column + random.x) / (float)(int)camera.width) - 1.0f;
+    float down = 2.0f * (((float)row + random.y) / (float)(int)camera.height) - 1.0f;
+    Vec3 on_plane = transform_vector(camera.to_world, vec3(across * camera.slope[0], -down * camera.slope[1], -1.0f));
+    Vec3 eye = vec3(camera.to_world[3], camera.to_world[7], camera.to_world[11]);
+    store_planes(ray_origin, n, path, eye);
+    store_planes(ray_direction, n, path, normalize3(on_plane));
+    ray_start[path] = camera.near * sqrt(dot3(on_plane, on_plane));  // the plane is at distance 1
+    ray_length[path] = is_there ? INFINITY : 0.0f;
+    store_planes(throughput, n, path, all3(1.0f));
+    store_planes(radiance, n, path, all3(0.0f));
+#if HAS_EMISSION
+    density[path] = INFINITY;  // as after a mirror: nothing else could have found what this ray finds
+#endif
+#if HAS_TEXTURES
+    cone[path] = 0.0f;
+    cone[n + path] = 2.0f * camera.slope[1] / (float)(int)camera.height;
+#endif
 }

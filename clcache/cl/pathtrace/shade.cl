@@ -1,48 +1,50 @@
-// One vertex of every path: a shadow ray to one of the lights, and the path's next direction, or its end. Reads the paths'
-// surfaces, writes shadow rays and what each would bring, the next rays and the throughput. One work-item per path; a ray
+// One vertex of every path. Reads what the paths' rays hit; adds to their radiance what the last shadow rays let through, and
+// what the rays found themselves: emission, or the environment where there was nothing else; writes a shadow ray to one of
+// the lights with what it would bring, the path's next ray, or its end, and the throughput. One work-item per path; a ray
 // of length 0 is no ray.
 //
-// Lights with an extent are found by both rays; the power heuristic weighs the two (Veach 1997, section 9.2): here for the
-// shadow ray, in gather.cl for the other, to which `density` goes along. From the bounce `roulette` on, a path goes on with
-// the probability of its throughput's largest component; where `is_last`, none does.
+// Lights with an extent are found by both rays; the power heuristic weighs the two (Veach 1997, section 9.2): `density` is
+// with which the path's last direction was chosen. From the bounce `roulette` on, a path goes on with the probability of its
+// throughput's largest component; where `is_last`, none does.
 //
-// Defines: HAS_DIRECT (something to send shadow rays to) and those of bsdf.cl and emitters.cl.
+// Defines: HAS_EMISSION (something to be found by rays), HAS_DIRECT (something to send shadow rays to), SOBOL, and those of
+// surface.cl, bsdf.cl and emitters.cl.
 
-#include "common/bsdf.cl"
 #include "common/sampler.cl"
 #include "pathtrace/dimensions.cl"
 #include "pathtrace/mis.cl"
 #include "scene/emitters.cl"
+#include "scene/surface.cl"
 
 #define WIDEST_ROUGH_SPREAD 1.0f
 
-// The parameters of a hit as a reflection model.
-inline Bsdf make_bsdf(float3 base, float metallic, float roughness, __global const Material *m, bool from_behind)
+// The parameters of a surface as a reflection model.
+INLINED Bsdf make_bsdf(const Surface *surface, __global const Material *m)
 {
     Bsdf bsdf;
+    Vec3 base = surface->albedo;
     bsdf.diffuse = base;
 #if HAS_SPECULAR
-    float reflected = (m->ior - 1.0f) / (m->ior + 1.0f);
-    float3 tint = (float3)(m->specular_color[0], m->specular_color[1], m->specular_color[2]);
-    float3 dielectric = fmin(reflected * reflected * tint, 1.0f) * m->specular;
-    bsdf.diffuse = base * ((1.0f - metallic) * (1.0f - m->transmission));
-    bsdf.transmitted = base * ((1.0f - metallic) * m->transmission);
-    bsdf.f0 = dielectric + metallic * (base - dielectric);
-    bsdf.f90 = m->specular + metallic * (1.0f - m->specular);
-    if (from_behind && !m->double_sided && !(m->transmission > 0.0f)) {  // black, and so is its reflection
-        bsdf.f0 = (float3)(0.0f);
-        bsdf.f90 = 0.0f;
-    }
-    bsdf.alpha = roughness * roughness;
-    bsdf.thin = m->thin;
-    bsdf.eta = from_behind && !m->thin ? 1.0f / m->ior : m->ior;
+    float metallic = surface->metallic, rest = 1.0f - metallic;
+    bool behind = surface->from_behind, is_thin = m->thin != 0;
+    float transmission = m->transmission, ior = m->ior, reflected = (ior - 1.0f) / (ior + 1.0f);
+    Vec3 tint = scale3(reflected * reflected, load3(m->specular_color));
+    Vec3 dielectric = scale3(m->specular, vec3(fmin(tint.x, 1.0f), fmin(tint.y, 1.0f), fmin(tint.z, 1.0f)));
+    bsdf.diffuse = scale3(rest * (1.0f - transmission), base);
+    bsdf.transmitted = scale3(rest * transmission, base);
+    bool is_black = behind && m->double_sided == 0 && !(transmission > 0.0f);  // and so is its reflection
+    bsdf.f0 = either3(is_black, all3(0.0f), add3(dielectric, scale3(metallic, sub3(base, dielectric))));
+    bsdf.f90 = is_black ? 0.0f : m->specular + metallic * (1.0f - m->specular);
+    bsdf.alpha = surface->roughness * surface->roughness;
+    bsdf.thin = is_thin;
+    bsdf.eta = behind && !is_thin ? 1.0f / ior : ior;
 #endif
     return bsdf;
 }
 
-inline float3 to_local(float3 tangent, float3 bitangent, float3 normal, float3 v)
+inline Vec3 to_local(Vec3 tangent, Vec3 bitangent, Vec3 normal, Vec3 v)
 {
-    return (float3)(dot3(v, tangent), dot3(v, bitangent), dot3(v, normal));
+    return vec3(dot3(v, tangent), dot3(v, bitangent), dot3(v, normal));
 }
 
 // How much wider a cone gets by reflection (MaterialMemo, Eq. 2.11), clamped where that diverges at alpha = 1.
@@ -52,41 +54,67 @@ inline float rough_spread(float alpha)
     return fmin(2.0f * sqrt(squared / fmax(2.0f - 2.0f * squared, 1e-6f)), WIDEST_ROUGH_SPREAD);
 }
 
+// What a ray found: the light of the surface, or of the sky where it hit none, weighted against finding it by a shadow ray.
+INLINED Vec3 found_light(const Surface *surface, const Sky *sky, __global const Material *m, bool missed, float t, Vec3 direction,
+                         float density)
+{
+#if HAS_EMISSIVE
+    float cosine = fabs(dot3(surface->geometric_normal, direction));
+#endif
+    direction = either3(missed, direction, vec3(0.0f, 1.0f, 0.0f));  // where others look, too: a lookup from the cache
+    Vec3 far = sky_radiance(sky, direction);
+    float found_otherwise = 0.0f;
+#if HAS_SKY_PICTURE
+    found_otherwise = sky->environment.chance * sky_density_of(sky, direction);
+#endif
+#if HAS_EMISSIVE
+    float per_area = m->emitter_density;
+    float on_surface = per_area > 0.0f ? per_area * t * t / cosine : 0.0f;
+    far = either3(missed, far, surface->emitted);
+    found_otherwise = missed ? found_otherwise : on_surface;
+#else
+    far = either3(missed, far, all3(0.0f));
+#endif
+    return scale3(power_heuristic(density, found_otherwise), far);
+}
+
 __kernel void shade(
-    __global const Emitter *emitter_list,    // (emitters) or null
-    __global const float *shares,            // (emitters) or null
-    __global const float *positions,         // (vertices, 3)
-    __global const uint *triangles,          // (triangles, 3)
-    __global const float *uvs,               // (vertices, 2) or null
-    __global const Instance *instances,      // (instances)
-    __global const uint *material,           // (triangles)
-    __global const Material *materials,      // (materials)
-    __global const TextureUse *uses,         // (uses) or null
-    __global const Texture *textures,        // (textures) or null
-    __global const uint *texels,             // (texels) or null
-    __global const float *srgb,              // (256) or null
-    __global const float *sky,               // (sky_size, 3)
-    __global const float *sky_rows,          // (sky_height) or null
-    __global const float *sky_columns,       // (sky_size) or null
-    __global const uint *hit_instance,       // (n)
-    __global const uint *hit_material,       // (n)
-    __global const float *point,             // (3, n)
-    __global const float *offset,            // (n)
-    __global const float *geometric_normal,  // (3, n)
-    __global const float *shading_normal,    // (3, n)
-    __global const float *albedo,            // (3, n)
-    __global const float *gloss,             // (2, n) or null
-    __global float *cone,                    // (2, n) or null
-    __global float *ray_origin,              // (3, n)
-    __global float *ray_direction,           // (3, n)
-    __global float *ray_length,              // (n)
-    __global float *throughput,              // (3, n)
-    __global float *density,                 // (n) or null
-    __global float *shadow_origin,           // (3, n) or null
-    __global float *shadow_direction,        // (3, n) or null
-    __global float *shadow_length,           // (n) or null
-    __global float *shadow_radiance,         // (3, n) or null
-    __global uint *ray_counts,               // (2, n)
+    __global const Emitter *emitter_list,  // (emitters) or null
+    __global const float *shares,          // (emitters) or null
+    __global const float *positions,       // (vertices, 3)
+    __global const uint *triangles,        // (triangles, 3)
+    __global const float *normals,         // (vertices, 3) or null
+    __global const float *uvs,             // (vertices, 2) or null
+    __global const Instance *instances,    // (instances)
+    __global const uint *material,         // (triangles)
+    __global const Material *materials,    // (materials)
+    __global const TextureUse *uses,       // (uses) or null
+    __global const Texture *textures,      // (textures) or null
+    __global const uint *texels,           // (texels) or null
+    __global const float *srgb,            // (256) or null
+    __global const float *sky,             // (sky_size, 3)
+    __global const float *sky_rows,        // (sky_height) or null
+    __global const float *sky_columns,     // (sky_size) or null
+    __global const float *sky_density,     // (sky_size) or null
+    __global const float *sky_edges,       // (sky_edges) or null
+    __global const uint *pixel,            // (n)
+    __global const float *hit_t,           // (n)
+    __global const float *hit_uv,          // (2, n)
+    __global const uint *hit_primitive,    // (n)
+    __global const uint *hit_instance,     // (n)
+    __global const uchar *occluded,        // (n) or null
+    __global float *cone,                  // (2, n) or null
+    __global float *ray_origin,            // (3, n)
+    __global float *ray_direction,         // (3, n)
+    __global float *ray_length,            // (n)
+    __global float *throughput,            // (3, n)
+    __global float *density,               // (n) or null
+    __global float *radiance,              // (3, n)
+    __global float *shadow_origin,         // (3, n) or null
+    __global float *shadow_direction,      // (3, n) or null
+    __global float *shadow_length,         // (n) or null
+    __global float *shadow_radiance,       // (3, n) or null
+    __global uint *ray_counts,             // (2, n)
     Environment environment,
     uint n,
     uint emitters,
@@ -99,65 +127,188 @@ __kernel void shade(
 {
     uint i = get_global_id(0);
     if (i >= n) return;
-    if (hit_instance[i] == NONE) {
-        ray_length[i] = 0.0f;
-#if HAS_DIRECT
-        shadow_length[i] = 0.0f;
+    bool has_ray = ray_length[i] > 0.0f, missed = hit_instance[i] == NONE;
+    Maps maps = { uses, textures, texels, srgb };
+    Masks masks = { instances, triangles, material, uvs, materials, maps };
+    Triangles scene = { positions, normals, masks };
+    Sky far = { environment, sky, sky_rows, sky_columns, sky_density, sky_edges };
+    Vec3 direction = load_vec3(ray_direction, n, i), carried = load_vec3(throughput, n, i), light = load_vec3(radiance, n, i);
+    float cone_width = 0.0f, cone_spread = 0.0f, t = hit_t[i];
+#if HAS_TEXTURES
+    cone_width = cone[i];
+    cone_spread = cone[n + i];
 #endif
-        return;
-    }
-    uint2 key = (uint2)(key0, key1);
-    float4 random = sample4(i, sample, DIMENSION_VERTEX + 2 * vertex, key);
-    float3 ng = load_planes(geometric_normal, n, i), ns = load_planes(shading_normal, n, i);
-    float3 here = load_planes(point, n, i), away = offset[i] * ng;
-    float3 carried = load_planes(throughput, n, i);
-    float3 tangent, bitangent;
-    make_frame(ns, &tangent, &bitangent);
-    float3 out = to_local(tangent, bitangent, ns, -load_planes(ray_direction, n, i));
-    out.z = fmax(out.z, 1e-6f);
-    uint tagged = hit_material[i];
-#if HAS_SPECULAR
-    float metallic = gloss[i], roughness = gloss[n + i];
-#else
-    float metallic = 0.0f, roughness = 1.0f;
-#endif
-    Bsdf bsdf = make_bsdf(load_planes(albedo, n, i), metallic, roughness, materials + (tagged & ~FROM_BEHIND), tagged & FROM_BEHIND);
+    uint number = missed ? 0 : hit_instance[i], primitive = missed ? 0 : hit_primitive[i];
+    float u = missed ? 0.0f : hit_uv[i], v = missed ? 0.0f : hit_uv[n + i];
+    Surface surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread);
+    __global const Material *m = materials + surface.material;
 
 #if HAS_DIRECT
-    Maps maps = { uses, textures, texels, srgb };
-    Sky far = { environment, sky, sky_rows, sky_columns };
-    Emitters lights = { emitter_list, shares, emitters, positions, triangles, uvs, instances, material, materials, maps, far };
-    float4 place = sample4(i, sample, DIMENSION_VERTEX + 2 * vertex + 1, key);
-    LightSample light = sample_emitters(&lights, here, place.z, place.x, place.y);
-    float3 towards = normalize3(light.towards);
-    float3 in = to_local(tangent, bitangent, ns, towards);
+    bool was_lit = vertex > 0 && shadow_length[i] > 0.0f && !occluded[i];
+    light = add3(light, either3(was_lit, load_vec3(shadow_radiance, n, i), all3(0.0f)));
+#endif
+#if HAS_EMISSION
+    Vec3 found = mul3(carried, found_light(&surface, &far, m, missed, t, direction, density[i]));
+    light = add3(light, either3(has_ray, found, all3(0.0f)));
+#endif
+    store_planes(radiance, n, i, light);
+
+    uint place = pixel[i];
+    Random random = sample4(place, sample, DIMENSION_VERTEX + 2 * vertex, key0, key1);
+    Vec3 ng = surface.geometric_normal, ns = surface.shading_normal, here = surface.point, tangent, bitangent;
+    make_frame(ns, &tangent, &bitangent);
+    Vec3 out = to_local(tangent, bitangent, ns, negate3(direction));
+    out.z = fmax(out.z, 1e-6f);
+    Bsdf bsdf = make_bsdf(&surface, m);
+
+#if HAS_DIRECT
+    Emitters lights = { emitter_list, shares, emitters, masks, far };
+    Random where = sample4(place, sample, DIMENSION_VERTEX + 2 * vertex + 1, key0, key1);
+    LightSample light_sample = sample_emitters(&lights, here, where.z, where.x, where.y);
+    Vec3 towards = normalize3(light_sample.towards);
+    Vec3 in = to_local(tangent, bitangent, ns, towards);
     float found_otherwise;
-    float3 reflected = evaluate_bsdf(&bsdf, out, in, &found_otherwise);
-    float weight = light.density > 0.0f ? power_heuristic(light.density, found_otherwise) : 1.0f;
-    float3 brought = carried * reflected * light.radiance * weight;
+    Vec3 reflected = evaluate_bsdf(&bsdf, out, in, &found_otherwise);
+    float weight = light_sample.density > 0.0f ? power_heuristic(light_sample.density, found_otherwise) : 1.0f;
+    Vec3 brought = scale3(weight, mul3(mul3(carried, reflected), light_sample.radiance));
     bool above = dot3(ng, towards) > 0.0f;
-    bool lit = above == (in.z > 0.0f) && max_component(brought) > 0.0f && max_component(brought) < INFINITY;
-    float3 from = above ? here + away : here - away;
+    float most = max_component(brought);
+    bool lit = !missed && above == (in.z > 0.0f) && most > 0.0f && most < INFINITY;
+    Vec3 from = add3(here, scale3(above ? surface.offset : -surface.offset, ng));
+    bool is_near = light_sample.length < INFINITY;
     store_planes(shadow_origin, n, i, from);
-    store_planes(shadow_direction, n, i, light.length < INFINITY ? light.towards + (here - from) : towards);
-    shadow_length[i] = lit ? light.length : 0.0f;
-    store_planes(shadow_radiance, n, i, lit ? brought : (float3)(0.0f));
-    ray_counts[n + i] += lit;
+    store_planes(shadow_direction, n, i, either3(is_near, add3(light_sample.towards, sub3(here, from)), towards));
+    shadow_length[i] = lit ? light_sample.length : 0.0f;
+    store_planes(shadow_radiance, n, i, brought);
+    ray_counts[n + i] += lit ? 1 : 0;
 #endif
 
     Scattered next = sample_bsdf(&bsdf, out, random.w, random.x, random.y);
-    float3 direction = normalize3(next.direction.x * tangent + next.direction.y * bitangent + next.direction.z * ns);
-    bool leaves_above = dot3(ng, direction) > 0.0f;
-    float3 kept = carried * next.weight;
-    float survival = vertex + 1 >= roulette ? fmin(max_component(kept), 1.0f) : 1.0f;
-    bool goes_on = !is_last && leaves_above == (next.direction.z > 0.0f) && max_component(kept) > 0.0f && random.z < survival;
-    store_planes(ray_origin, n, i, leaves_above ? here + away : here - away);
-    store_planes(ray_direction, n, i, direction);
-    store_planes(throughput, n, i, kept / survival);
-    if (density) density[i] = next.density;
+    Vec3 sideways = add3(scale3(next.direction.x, tangent), scale3(next.direction.y, bitangent));
+    Vec3 onwards = normalize3(add3(sideways, scale3(next.direction.z, ns)));
+    bool leaves_above = dot3(ng, onwards) > 0.0f;
+    Vec3 kept = mul3(carried, next.weight);
+    float part = max_component(kept), survival = vertex + 1 >= roulette ? fmin(part, 1.0f) : 1.0f;
+    bool goes_on = !missed && !is_last && leaves_above == (next.direction.z > 0.0f) && part > 0.0f && random.z < survival;
+    store_planes(ray_origin, n, i, add3(here, scale3(leaves_above ? surface.offset : -surface.offset, ng)));
+    store_planes(ray_direction, n, i, onwards);
+    store_planes(throughput, n, i, scale3(1.0f / survival, kept));
     ray_length[i] = goes_on ? INFINITY : 0.0f;
-    ray_counts[i] += goes_on;
-#if HAS_TEXTURES
-    cone[n + i] += rough_spread(next.density < INFINITY ? roughness * roughness : 0.0f);
+    ray_counts[i] += goes_on ? 1 : 0;
+#if HAS_EMISSION
+    density[i] = next.density;
 #endif
+#if HAS_TEXTURES
+    cone[i] = surface.cone_width;
+    cone[n + i] = surface.cone_spread + rough_spread(next.density < INFINITY ? surface.roughness * surface.roughness : 0.0f);
+#endif
+}
+
+// The end of every path: add what the last shadow rays let through, and what the last rays found.
+__kernel void finish(
+    __global const float *positions,          // (vertices, 3)
+    __global const uint *triangles,           // (triangles, 3)
+    __global const float *normals,            // (vertices, 3) or null
+    __global const float *uvs,                // (vertices, 2) or null
+    __global const Instance *instances,       // (instances)
+    __global const uint *material,            // (triangles)
+    __global const Material *materials,       // (materials)
+    __global const TextureUse *uses,          // (uses) or null
+    __global const Texture *textures,         // (textures) or null
+    __global const uint *texels,              // (texels) or null
+    __global const float *srgb,               // (256) or null
+    __global const float *sky,                // (sky_size, 3)
+    __global const float *sky_rows,           // (sky_height) or null
+    __global const float *sky_columns,        // (sky_size) or null
+    __global const float *sky_density,        // (sky_size) or null
+    __global const float *sky_edges,          // (sky_edges) or null
+    __global const float *hit_t,              // (n)
+    __global const float *hit_uv,             // (2, n)
+    __global const uint *hit_primitive,       // (n)
+    __global const uint *hit_instance,        // (n)
+    __global const uchar *occluded,           // (n) or null
+    __global const float *cone,               // (2, n) or null
+    __global const float *ray_direction,      // (3, n)
+    __global const float *ray_length,         // (n)
+    __global const float *throughput,         // (3, n)
+    __global const float *density,            // (n) or null
+    __global const float *shadow_length,      // (n) or null
+    __global const float *shadow_radiance,    // (3, n) or null
+    __global float *radiance,                 // (3, n)
+    Environment environment,
+    uint n)
+{
+    uint i = get_global_id(0);
+    if (i >= n) return;
+    Vec3 light = load_vec3(radiance, n, i);
+#if HAS_DIRECT
+    bool was_lit = shadow_length[i] > 0.0f && !occluded[i];
+    light = add3(light, either3(was_lit, load_vec3(shadow_radiance, n, i), all3(0.0f)));
+#endif
+#if HAS_EMISSION
+    bool has_ray = ray_length[i] > 0.0f, missed = hit_instance[i] == NONE;
+    Sky far = { environment, sky, sky_rows, sky_columns, sky_density, sky_edges };
+    Vec3 direction = load_vec3(ray_direction, n, i);
+    float t = hit_t[i];
+    Surface surface;
+    surface.material = 0;
+#if HAS_EMISSIVE
+    Maps maps = { uses, textures, texels, srgb };
+    Masks masks = { instances, triangles, material, uvs, materials, maps };
+    Triangles scene = { positions, normals, masks };
+    float cone_width = 0.0f, cone_spread = 0.0f;
+#if HAS_TEXTURES
+    cone_width = cone[i];
+    cone_spread = cone[n + i];
+#endif
+    uint number = missed ? 0 : hit_instance[i], primitive = missed ? 0 : hit_primitive[i];
+    float u = missed ? 0.0f : hit_uv[i], v = missed ? 0.0f : hit_uv[n + i];
+    surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread);
+#endif
+    Vec3 found = found_light(&surface, &far, materials + surface.material, missed, t, direction, density[i]);
+    light = add3(light, either3(has_ray, mul3(load_vec3(throughput, n, i), found), all3(0.0f)));
+#endif
+    store_planes(radiance, n, i, light);
+}
+
+// Sum albedos and normals of the first hits over the samples; nothing where there is no hit.
+__kernel void first_hits(
+    __global const float *positions,      // (vertices, 3)
+    __global const uint *triangles,       // (triangles, 3)
+    __global const float *normals,        // (vertices, 3) or null
+    __global const float *uvs,            // (vertices, 2) or null
+    __global const Instance *instances,   // (instances)
+    __global const uint *material,        // (triangles)
+    __global const Material *materials,   // (materials)
+    __global const TextureUse *uses,      // (uses) or null
+    __global const Texture *textures,     // (textures) or null
+    __global const uint *texels,          // (texels) or null
+    __global const float *srgb,           // (256) or null
+    __global const float *hit_t,          // (n)
+    __global const float *hit_uv,         // (2, n)
+    __global const uint *hit_primitive,   // (n)
+    __global const uint *hit_instance,    // (n)
+    __global const float *cone,           // (2, n) or null
+    __global const float *ray_direction,  // (3, n)
+    __global float *albedo_sum,           // (3, n)
+    __global float *N_sum,                // (3, n)
+    uint n)
+{
+    uint i = get_global_id(0);
+    if (i >= n) return;
+    bool missed = hit_instance[i] == NONE;
+    Maps maps = { uses, textures, texels, srgb };
+    Masks masks = { instances, triangles, material, uvs, materials, maps };
+    Triangles scene = { positions, normals, masks };
+    float cone_width = 0.0f, cone_spread = 0.0f;
+#if HAS_TEXTURES
+    cone_width = cone[i];
+    cone_spread = cone[n + i];
+#endif
+    uint number = missed ? 0 : hit_instance[i], primitive = missed ? 0 : hit_primitive[i];
+    float u = missed ? 0.0f : hit_uv[i], v = missed ? 0.0f : hit_uv[n + i];
+    Vec3 direction = load_vec3(ray_direction, n, i);
+    Surface surface = find_surface(&scene, number, primitive, u, v, hit_t[i], direction, cone_width, cone_spread);
+    store_planes(albedo_sum, n, i, add3(load_vec3(albedo_sum, n, i), either3(missed, all3(0.0f), surface.albedo)));
+    store_planes(N_sum, n, i, add3(load_vec3(N_sum, n, i), either3(missed, all3(0.0f), surface.shading_normal)));
 }

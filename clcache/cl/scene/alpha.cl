@@ -12,7 +12,7 @@ typedef struct Masks {
 } Masks;
 
 // instance, primitive, u and v as in Hit.
-inline bool is_hole(const Masks *masks, uint instance, uint primitive, float u, float v)
+INLINED bool is_hole(const Masks *masks, uint instance, uint primitive, float u, float v)
 {
     uint triangle = masks->instances[instance].first_triangle + primitive;
     __global const Material *m = masks->materials + masks->material[triangle];
@@ -21,9 +21,10 @@ inline bool is_hole(const Masks *masks, uint instance, uint primitive, float u, 
 #if HAS_TEXTURES
     if (m->base_color_map >= 0) {
         uint a = masks->triangles[3 * triangle], b = masks->triangles[3 * triangle + 1], c = masks->triangles[3 * triangle + 2];
-        float2 uv0 = vload2(a, masks->uvs);
-        float2 uv = uv0 + (u * (vload2(b, masks->uvs) - uv0) + v * (vload2(c, masks->uvs) - uv0));
-        alpha *= sample_map(&masks->maps, m->base_color_map, uv, 0.0f).w;
+        __global const float *uv0 = masks->uvs + 2 * a, *uv1 = masks->uvs + 2 * b, *uv2 = masks->uvs + 2 * c;
+        float across = uv0[0] + (u * (uv1[0] - uv0[0]) + v * (uv2[0] - uv0[0]));
+        float down = uv0[1] + (u * (uv1[1] - uv0[1]) + v * (uv2[1] - uv0[1]));
+        alpha *= sample_map(&masks->maps, m->base_color_map, across, down, 0.0f).w;
     }
 #endif
     return alpha < m->alpha_cutoff;

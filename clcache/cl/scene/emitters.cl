@@ -1,108 +1,125 @@
 // Direct light: choose one of the scene's emitters by its share of their power, and a place on it.
 //
-// Defines: HAS_EMISSIVE (triangles), HAS_ALPHA (with holes), HAS_SKY_PICTURE.
+// Defines: HAS_PUNCTUAL (points, spots, directions), HAS_EMISSIVE (triangles), HAS_LAMP_HOLES,
+// HAS_EMISSION_MAPS (with holes and pictures), HAS_SKY_PICTURE;
+// EMITTER_STEPS: of the search in the shares.
 
-#include "common/transform.cl"
 #include "scene/alpha.cl"
 #include "scene/environment.cl"
 
+#define LEAST_COSINE 1e-6f  // at a triangle that is seen from its own plane, but for rounding
+
 typedef struct LightSample {
-    float3 towards;   // to the light, whose place is at t = length
+    Vec3 towards;   // to the light, whose place is at t = length
     float length;
-    float3 radiance;  // arriving, divided by the density of choosing it
-    float density;    // per solid angle, of choosing this direction; 0 for a light without extent
+    Vec3 radiance;  // arriving, divided by the density of choosing it
+    float density;  // per solid angle, of choosing this direction; 0 for a light without extent
 } LightSample;
 
 typedef struct Emitters {
     __global const Emitter *list;
     __global const float *shares;  // (count): cumulative share of power
     uint count;
-    __global const float *positions;
-    __global const uint *triangles;
-    __global const float *uvs;
-    __global const Instance *instances;
-    __global const uint *material;
-    __global const Material *materials;
-    Maps maps;
+    Masks masks;
     Sky sky;
 } Emitters;
 
-inline float3 float3_of(const float *v)
+inline LightSample either_light(bool first, LightSample a, LightSample b)
 {
-    return (float3)(v[0], v[1], v[2]);
+    LightSample light;
+    light.towards = either3(first, a.towards, b.towards);
+    light.length = first ? a.length : b.length;
+    light.radiance = either3(first, a.radiance, b.radiance);
+    light.density = first ? a.density : b.density;
+    return light;
 }
 
 #if HAS_EMISSIVE
 
 // A place on an emissive triangle, uniform by area.
-inline LightSample sample_triangle(const Emitters *emitters, Emitter emitter, float chance, float3 from, float u1, float u2)
+INLINED LightSample sample_triangle(const Emitters *emitters, __global const Emitter *emitter, float chance, Vec3 from, float u1,
+                                   float u2)
 {
-    LightSample none = { (float3)(0.0f), 0.0f, (float3)(0.0f), 0.0f };
-    Instance instance = emitters->instances[emitter.instance];
-    uint triangle = instance.first_triangle + emitter.primitive;
-    uint a = emitters->triangles[3 * triangle], b = emitters->triangles[3 * triangle + 1], c = emitters->triangles[3 * triangle + 2];
-    float3 v0 = load_row(emitters->positions, a);
-    float3 edge1 = load_row(emitters->positions, b) - v0, edge2 = load_row(emitters->positions, c) - v0;
+    const Masks *masks = &emitters->masks;
+    Vec3 corner = load3(emitter->position), edge1 = load3(emitter->direction), edge2 = load3(emitter->power);
     float root = sqrt(u1);
     float u = root * (1.0f - u2), v = root * u2;
-#if HAS_ALPHA
-    Masks masks = { emitters->instances, emitters->triangles, emitters->material, emitters->uvs, emitters->materials, emitters->maps };
-    if (is_hole(&masks, emitter.instance, emitter.primitive, u, v)) return none;
-#endif
-    float3 place = transform_point(instance.to_world, v0 + (u * edge1 + v * edge2));
-    float3 cross = cross3(transform_vector(instance.to_world, edge1), transform_vector(instance.to_world, edge2));
-    float3 normal = normalize3(cross);
-    float area = 0.5f * sqrt(dot3(cross, cross));
-    float3 outward = transform_normal(instance.to_object, cross3(edge1, edge2));
-
-    float3 towards = place - from;
+    Vec3 cross = cross3(edge1, edge2);
+    float twice_area = sqrt(dot3(cross, cross));
+    Vec3 towards = add3(sub3(corner, from), add3(scale3(u, edge1), scale3(v, edge2)));
     float squared = dot3(towards, towards);
-    float cosine = fabs(dot3(normal, normalize3(towards)));
-    __global const Material *m = emitters->materials + emitters->material[triangle];
-    bool faces = m->double_sided || dot3(outward, towards) < 0.0f;
-    if (!faces || !(cosine > 0.0f) || !(squared > 0.0f)) return none;
-    float3 radiance = (float3)(m->emission[0], m->emission[1], m->emission[2]);
-#if HAS_TEXTURES
-    if (m->emission_map >= 0) {
-        float2 uv0 = vload2(a, emitters->uvs);
-        float2 uv = uv0 + u * (vload2(b, emitters->uvs) - uv0) + v * (vload2(c, emitters->uvs) - uv0);
-        radiance *= sample_map(&emitters->maps, m->emission_map, uv, 0.0f).xyz;
-    }
+    float facing = dot3(cross, towards) / (twice_area * sqrt(squared));
+    float cosine = fabs(facing);
+    __global const Material *m = masks->materials + emitter->material;
+    bool faces = m->double_sided != 0 || facing * emitter->cone[0] < 0.0f;
+    bool shines = faces && cosine > LEAST_COSINE && squared > 0.0f;
+    Vec3 radiance = load3(m->emission);
+#if HAS_EMISSION_MAPS
+    uint triangle = masks->instances[emitter->instance].first_triangle + emitter->primitive;
+    uint a = masks->triangles[3 * triangle], b = masks->triangles[3 * triangle + 1], c = masks->triangles[3 * triangle + 2];
+    __global const float *uv0 = masks->uvs + 2 * a, *uv1 = masks->uvs + 2 * b, *uv2 = masks->uvs + 2 * c;
+    float across = uv0[0] + (u * (uv1[0] - uv0[0]) + v * (uv2[0] - uv0[0]));
+    float down = uv0[1] + (u * (uv1[1] - uv0[1]) + v * (uv2[1] - uv0[1]));
+    Texel texel = sample_map(&masks->maps, m->emission_map, across, down, 0.0f);
+    radiance = mul3(radiance, vec3(texel.x, texel.y, texel.z));
 #endif
-    float density = chance / area * squared / cosine;
-    // Just short of the light, so that it does not shadow itself.
-    LightSample sample = { towards, 1.0f - 1e-4f, radiance / density, density };
+#if HAS_LAMP_HOLES
+    shines = shines && !is_hole(masks, emitter->instance, emitter->primitive, u, v);
+#endif
+    float density = chance / (0.5f * twice_area) * squared / cosine;
+    LightSample sample;
+    sample.towards = either3(shines, towards, all3(0.0f));
+    sample.length = shines ? 1.0f - 1e-4f : 0.0f;  // just short of the light, so that it does not shadow itself
+    sample.radiance = either3(shines, scale3(1.0f / density, radiance), all3(0.0f));
+    sample.density = shines ? density : 0.0f;
     return sample;
 }
 
 #endif
 
-inline LightSample sample_emitters(const Emitters *emitters, float3 from, float pick, float u1, float u2)
+#if HAS_PUNCTUAL
+
+INLINED LightSample sample_punctual(__global const Emitter *emitter, float chance, Vec3 from)
 {
-    uint index = search_shares(emitters->shares, emitters->count, pick);
+    Vec3 axis = load3(emitter->direction), power = load3(emitter->power);
+    Vec3 towards = sub3(load3(emitter->position), from);
+    float squared = dot3(towards, towards);
+    float falloff = clamp(-dot3(axis, normalize3(towards)) * emitter->cone[0] + emitter->cone[1], 0.0f, 1.0f);
+    float part = squared > 0.0f ? falloff * falloff / squared : 0.0f;
+    bool is_far = emitter->kind == 1;
+    LightSample sample;
+    sample.towards = either3(is_far, axis, towards);
+    sample.length = is_far ? INFINITY : 1.0f;
+    sample.radiance = scale3((is_far ? 1.0f : part) / chance, power);
+    sample.density = 0.0f;
+    return sample;
+}
+
+#endif
+
+INLINED LightSample sample_emitters(const Emitters *emitters, Vec3 from, float pick, float u1, float u2)
+{
+    uint index = search_shares(emitters->shares, emitters->count, EMITTER_STEPS, pick);
     float chance = share(emitters->shares, index);
-    Emitter emitter = emitters->list[index];
-    float3 power = float3_of(emitter.power), axis = float3_of(emitter.direction);
+    __global const Emitter *emitter = emitters->list + index;
+    LightSample sample;
+    sample.towards = sample.radiance = all3(0.0f);
+    sample.length = sample.density = 0.0f;
+#if HAS_PUNCTUAL
+    sample = sample_punctual(emitter, chance, from);
+#endif
 #if HAS_EMISSIVE
-    if (emitter.kind == 2) return sample_triangle(emitters, emitter, chance, from, u1, u2);
+    sample = either_light(emitter->kind == 2, sample_triangle(emitters, emitter, chance, from, u1, u2), sample);
 #endif
 #if HAS_SKY_PICTURE
-    if (emitter.kind == 3) {
-        float density;
-        float3 towards = sample_sky(&emitters->sky, u1, u2, &density);
-        density *= chance;
-        LightSample sample = { towards, INFINITY, sky_radiance(&emitters->sky, towards) / density, density };
-        return sample;
-    }
+    float density, u;
+    LightSample far;
+    bool is_sky = emitter->kind == 3;  // others look where the cache has it
+    far.towards = sample_sky(&emitters->sky, is_sky ? u1 : 0.0f, is_sky ? u2 : 0.0f, &density, &u);
+    far.length = INFINITY;
+    far.density = density * chance;
+    far.radiance = scale3(1.0f / far.density, picture_radiance(&emitters->sky, u, picture_v(far.towards)));
+    sample = either_light(is_sky, far, sample);
 #endif
-    if (emitter.kind == 1) {
-        LightSample sample = { axis, INFINITY, power / chance, 0.0f };
-        return sample;
-    }
-    float3 towards = float3_of(emitter.position) - from;
-    float squared = dot3(towards, towards);
-    float falloff = clamp(-dot3(axis, normalize3(towards)) * emitter.cone[0] + emitter.cone[1], 0.0f, 1.0f);
-    float3 arriving = squared > 0.0f ? power * (falloff * falloff / squared) : (float3)(0.0f);
-    LightSample sample = { towards, 1.0f, arriving / chance, 0.0f };
     return sample;
 }

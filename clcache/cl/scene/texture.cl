@@ -2,67 +2,76 @@
 
 #include "common/math.cl"
 
-// A texel's place along an axis of `size` texels, by wrap mode (Texture in layout.py).
-inline uint wrap_texel(int place, int size, uint mode)
+typedef struct Texel {
+    float x, y, z, w;  // red, green, blue, alpha
+} Texel;
+
+inline Texel texel4(float x, float y, float z, float w)
 {
-    if (mode == 1) return (uint)clamp(place, 0, size - 1);
-    int period = mode == 2 ? 2 * size : size;
-    int wrapped = place % period;
-    wrapped = wrapped < 0 ? wrapped + period : wrapped;
-    return (uint)(wrapped < size ? wrapped : period - 1 - wrapped);
+    Texel texel = { x, y, z, w };
+    return texel;
 }
 
-inline float4 load_texel(__global const uint *texels, uint first, uint width, uint2 place, __global const float *srgb)
+inline Texel mix4(Texel a, Texel b, float part)
 {
-    uint texel = texels[first + place.y * width + place.x];
-    uint4 bytes = (uint4)(texel, texel >> 8, texel >> 16, texel >> 24) & 255u;
-    float4 plain = convert_float4(bytes) / 255.0f;
-    return srgb ? (float4)(srgb[bytes.x], srgb[bytes.y], srgb[bytes.z], plain.w) : plain;
+    float rest = 1.0f - part;
+    return texel4(rest * a.x + part * b.x, rest * a.y + part * b.y, rest * a.z + part * b.z, rest * a.w + part * b.w);
+}
+
+// A texel's place along an axis of `size` texels, by wrap mode (Texture in layout.py); -1 <= place <= 2 size, and what
+// coordinates that are not finite give ends up within the picture too.
+inline uint wrap_texel(int place, int size, uint mode)
+{
+    int clamped = clamp(place, 0, size - 1);
+    int period = mode == 2 ? 2 * size : size;
+    int wrapped = place < 0 ? place + period : place;
+    wrapped = wrapped >= period ? wrapped - period : wrapped;
+    wrapped = wrapped >= period ? wrapped - period : wrapped;  // 2 size, where the period is size
+    wrapped = wrapped < size ? wrapped : period - 1 - wrapped;
+    return min((uint)(mode == 1 ? clamped : wrapped), (uint)(size - 1));
+}
+
+inline Texel load_texel(__global const uint *texels, uint place, bool encoded, __global const float *srgb)
+{
+    uint texel = texels[place];
+    uint x = texel & 255u, y = texel >> 8 & 255u, z = texel >> 16 & 255u, w = texel >> 24;
+    float to_one = 1.0f / 255.0f;
+    return texel4(encoded ? srgb[x] : (float)(int)x * to_one, encoded ? srgb[y] : (float)(int)y * to_one,
+                  encoded ? srgb[z] : (float)(int)z * to_one, (float)(int)w * to_one);
 }
 
 // RGBA at (u, v) on one level; texel centres lie at half-integer places.
-inline float4 sample_level(__global const uint *texels, Texture texture, uint first, uint width, uint height,
-                           __global const float *srgb, float2 uv)
+INLINED Texel sample_level(__global const uint *texels, __global const Texture *texture, uint level,
+                          __global const float *srgb, float u, float v)
 {
-    float x = uv.x * (float)width - 0.5f, y = uv.y * (float)height - 0.5f;
+    uint first = texture->first_texel[level], width = texture->width >> level, height = texture->height >> level;
+    width = width > 0 ? width : 1;
+    height = height > 0 ? height : 1;
+    float x = u * (float)(int)width - 0.5f, y = v * (float)(int)height - 0.5f;
     float left = floor(x), top = floor(y);
-    float along = x - left, down = y - top;
-    uint column0 = wrap_texel((int)left, (int)width, texture.wrap[0]);
-    uint column1 = wrap_texel((int)left + 1, (int)width, texture.wrap[0]);
-    uint row0 = wrap_texel((int)top, (int)height, texture.wrap[1]);
-    uint row1 = wrap_texel((int)top + 1, (int)height, texture.wrap[1]);
-    float4 above = (1.0f - along) * load_texel(texels, first, width, (uint2)(column0, row0), srgb)
-                   + along * load_texel(texels, first, width, (uint2)(column1, row0), srgb);
-    float4 below = (1.0f - along) * load_texel(texels, first, width, (uint2)(column0, row1), srgb)
-                   + along * load_texel(texels, first, width, (uint2)(column1, row1), srgb);
-    return (1.0f - down) * above + down * below;
+    uint mode_u = texture->wrap[0], mode_v = texture->wrap[1];
+    uint column0 = wrap_texel((int)left, (int)width, mode_u), column1 = wrap_texel((int)left + 1, (int)width, mode_u);
+    uint row0 = first + width * wrap_texel((int)top, (int)height, mode_v);
+    uint row1 = first + width * wrap_texel((int)top + 1, (int)height, mode_v);
+    bool encoded = texture->srgb != 0;
+    Texel above = mix4(load_texel(texels, row0 + column0, encoded, srgb), load_texel(texels, row0 + column1, encoded, srgb), x - left);
+    Texel below = mix4(load_texel(texels, row1 + column0, encoded, srgb), load_texel(texels, row1 + column1, encoded, srgb), x - left);
+    return mix4(above, below, y - top);
 }
 
 // RGBA at (u, v), for a footprint that is `footprint` wide in the picture's coordinates (1 is its whole width or height).
 // Whole turns are taken off before the coordinates are scaled, so that large ones keep what precision they have, and none
 // overflows an int.
-inline float4 sample_texture(__global const uint *texels, Texture texture, __global const float *srgb_table, float2 uv,
-                             float footprint)
+INLINED Texel sample_texture(__global const uint *texels, __global const Texture *texture, __global const float *srgb,
+                            float u, float v, float footprint)
 {
-    uv.x = texture.wrap[0] == 1 ? clamp(uv.x, 0.0f, 1.0f) : uv.x - 2.0f * floor(0.5f * uv.x);
-    uv.y = texture.wrap[1] == 1 ? clamp(uv.y, 0.0f, 1.0f) : uv.y - 2.0f * floor(0.5f * uv.y);
-    __global const float *srgb = texture.srgb ? srgb_table : 0;
-    float finest = footprint * sqrt((float)texture.width * (float)texture.height);
-    float level = finest > 1.0f ? fmin(log2(finest), (float)(texture.levels - 1)) : 0.0f;
-    uint below = (uint)level;
-    float blend = level - (float)below;
-    uint first = texture.first_texel, width = texture.width, height = texture.height;
-    for (uint i = 0; i < below; i++) {
-        first += width * height;
-        width = max(width >> 1, 1u);
-        height = max(height >> 1, 1u);
-    }
-    float4 color = sample_level(texels, texture, first, width, height, srgb, uv);
-    if (blend > 0.0f) {
-        first += width * height;
-        width = max(width >> 1, 1u);
-        height = max(height >> 1, 1u);
-        color = (1.0f - blend) * color + blend * sample_level(texels, texture, first, width, height, srgb, uv);
-    }
-    return color;
+    u = texture->wrap[0] == 1 ? clamp(u, 0.0f, 1.0f) : u - 2.0f * floor(0.5f * u);
+    v = texture->wrap[1] == 1 ? clamp(v, 0.0f, 1.0f) : v - 2.0f * floor(0.5f * v);
+    float finest = footprint * sqrt((float)(int)texture->width * (float)(int)texture->height);
+    float coarsest = (float)((int)texture->levels - 1);
+    float level = finest > 1.0f ? fmin(log2_of(finest), coarsest) : 0.0f;
+    uint sharper = (uint)(int)level;
+    float blend = level - (float)(int)sharper;
+    uint softer = blend > 0.0f ? sharper + 1 : sharper;
+    return mix4(sample_level(texels, texture, sharper, srgb, u, v), sample_level(texels, texture, softer, srgb, u, v), blend);
 }
