@@ -13,9 +13,16 @@ from typing import NoReturn
 
 from ..errors import Error, SceneError, SettingError
 from ..version import __version__
-from . import compare, doctor, merge, render, settings, terminal
+from . import bench, compare, doctor, merge, render, settings, terminal
 
-COMMANDS = {"compare": compare, "doctor": doctor, "merge": merge, "render": render, "settings": settings}
+COMMANDS = {
+    "bench": bench,
+    "compare": compare,
+    "doctor": doctor,
+    "merge": merge,
+    "render": render,
+    "settings": settings,
+}
 
 
 class Parser(argparse.ArgumentParser):
