@@ -197,7 +197,7 @@ def _survives(attempt: Callable[[], bool]) -> bool:
 
 def main(arguments: list[str]) -> None:
     """Print the verdict, as JSON behind ANSWER, on the device of the given index; without one, on loading the drivers."""
-    if arguments and _survives(vectorise_loops):
+    if arguments and sys.platform == "linux" and _survives(vectorise_loops):
         vectorise_loops()
         print(f"\n{VECTORISED}", flush=True)
     found = failure(devices()[int(arguments[0])]) if arguments else loading_failure()
