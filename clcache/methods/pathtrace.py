@@ -20,7 +20,7 @@ from ..passes.film import (
     Variance,
     film_buffers,
 )
-from ..passes.shade import Finish, FirstHits, Shade, path_buffers
+from ..passes.shade import Compact, Finish, FirstHits, Shade, path_buffers
 from ..passes.trace import Generate, OrderPixels, Shadow, Trace, TraceCamera, path_count, ray_buffers
 from .method import Method, MethodSetup, PathState
 
@@ -69,6 +69,7 @@ def _vertices(setup: MethodSetup, sobol: bool) -> list[Pass]:
         passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol)]
         if is_lit:
             passes += [Shadow(scene)]
+        passes += [Compact(device, scene)]
     if gathers_hits:
-        passes += [Trace(scene)]
-    return [*passes, Finish(device, scene, sobol)]
+        passes += [Trace(scene), Finish(device, scene, sobol)]
+    return passes

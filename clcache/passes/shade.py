@@ -10,7 +10,6 @@ from ..resources import SceneResources
 from .trace import HITS
 
 _SHADOW_RAY = ("shadow_origin", "shadow_direction", "shadow_length", "shadow_radiance")
-_FOUND_BY_SHADOW_RAYS = ("occluded", "shadow_length", "shadow_radiance")
 
 
 def path_buffers(n: int) -> list[Buffer]:
@@ -57,8 +56,7 @@ class Shade(_ShadePass):
         self._place = {"vertex": vertex, "roulette": roulette, "is_last": int(is_last), "emitters": scene.emitter_count}
         path = ("ray_length", "throughput", "radiance", "ray_counts", *self._density, *self._cone)
         shadow_ray = _SHADOW_RAY if self._is_lit else ()
-        found = _FOUND_BY_SHADOW_RAYS if self._is_lit and vertex > 0 else ()
-        self.reads = ("pixel", *HITS, "ray_direction", *path, *found)
+        self.reads = ("pixel", "path", "alive", *HITS, "ray_direction", *path)
         self.writes = ("ray_origin", "ray_direction", *path, *shadow_ray)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
@@ -66,20 +64,39 @@ class Shade(_ShadePass):
         yield self._launch(arrays, **self._place, **state.sampling)
 
 
+class Compact(Pass):
+    """Add what the shadow rays let through, and close the ranks of the paths that go on (`cl/pathtrace/compact.cl`)."""
+
+    name = "compact"
+
+    def __init__(self, device: Device, scene: SceneResources):
+        features = scene.features
+        optional = {"HAS_DIRECT": "shadow_length", "HAS_EMISSION": "density", "HAS_TEXTURES": "cone"}
+        defines = {feature: features[feature] for feature in optional}
+        self._kernel = device.program("pathtrace/compact.cl", **defines)["compact"]
+        carried = ("ray_origin", "ray_direction", "ray_length", "throughput", "path", "alive", "radiance")
+        self.writes = (*carried, *(b for feature, b in optional.items() if features[feature]))
+        self.reads = (*self.writes, *(("occluded", "shadow_radiance") if features["HAS_DIRECT"] else ()))
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """One chunk of the queue for each work-item."""
+        chunks = arrays["alive"].size
+        yield self._kernel.run(chunks, arrays, n=arrays["path"].size, chunks=chunks)
+
+
 class Finish(_ShadePass):
-    """The end of the paths: the light of the last shadow rays, and what the last rays found."""
+    """The end of the paths: what the last rays found."""
 
     name = "finish"
 
     def __init__(self, device: Device, scene: SceneResources, sobol: bool):
         super().__init__(device, scene, "finish", sobol)
-        path = ("ray_direction", "ray_length", "throughput", *self._density, *self._cone, *HITS)
-        found = _FOUND_BY_SHADOW_RAYS if self._is_lit else ()
-        self.reads = (*(path if self._density else ()), *found, "radiance")
+        carried = ("ray_direction", "ray_length", "throughput", "density", *self._cone, *HITS)
+        self.reads = ("path", "alive", *carried, "radiance")
         self.writes = ("radiance",)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
-        """Add what each path's last rays brought."""
+        """Add what each path's last ray found."""
         yield self._launch(arrays)
 
 

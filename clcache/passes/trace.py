@@ -1,5 +1,6 @@
 """Rays in, hits out. Buffers are planes over the paths of a sample, one path for each pixel, in the order of
-`cl/common/pixel_order.cl`; `pixel` says which is whose. A ray of length 0 is none."""
+`cl/common/pixel_order.cl`; `pixel` says which is whose. Between vertices the paths that go on close ranks: rays, hits
+and throughput are then by place in the queue, and `path` says whose. A ray of length 0 is none."""
 
 from collections.abc import Iterable
 
@@ -11,6 +12,7 @@ from ..resources import SceneResources
 
 HITS = ("hit_t", "hit_uv", "hit_primitive", "hit_instance")
 _BLOCK = 4  # of pixel_order.cl
+_CHUNK = 4096  # of queue.cl
 
 
 def path_count(size: tuple[int, int]) -> int:
@@ -19,9 +21,12 @@ def path_count(size: tuple[int, int]) -> int:
 
 
 def ray_buffers(n: int) -> list[Buffer]:
-    """The path's pixel, its current ray, and what that hit."""
+    """The path's pixel; for each place in the queue its path, that one's current ray, and what it hit; the paths in each chunk
+    of places."""
     return [
         Buffer("pixel", (n,), "u4", persistent=True),
+        Buffer("path", (n,), "u4"),
+        Buffer("alive", (-(-n // _CHUNK),), "u4"),
         Buffer("ray_origin", (3, n)),
         Buffer("ray_direction", (3, n)),
         Buffer("ray_start", (n,)),
@@ -63,7 +68,8 @@ class Generate(Pass):
         self._kernel = device.program("pathtrace/generate.cl", SOBOL=sobol, **scene.features)["generate"]
         carried = [("density", scene.features["HAS_EMISSION"]), ("cone", scene.features["HAS_TEXTURES"])]
         used = tuple(buffer for buffer, is_used in carried if is_used)
-        self.writes = ("ray_origin", "ray_direction", "ray_start", "ray_length", "throughput", "radiance", *used)
+        rays = ("ray_origin", "ray_direction", "ray_start", "ray_length")
+        self.writes = (*rays, "throughput", "radiance", "path", "alive", *used)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One camera ray for each pixel of the state's camera."""

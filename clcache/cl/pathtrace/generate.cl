@@ -9,6 +9,7 @@
 #include "common/sampler.cl"
 #include "common/transform.cl"
 #include "pathtrace/dimensions.cl"
+#include "pathtrace/queue.cl"
 
 // The pixel of each path; NONE where there is none.
 __kernel void order_pixels(
@@ -31,15 +32,17 @@ __kernel void generate(
     __global float *radiance,       // (3, n)
     __global float *density,        // (n) or null
     __global float *cone,           // (2, n) or null
+    __global uint *path,            // (n)
+    __global uint *alive,           // (chunks)
     Camera camera,
     uint n,
     uint sample,
     uint key0,
     uint key1)
 {
-    uint path = get_global_id(0);
-    if (path >= n) return;
-    uint place = pixel[path];
+    uint i = get_global_id(0);
+    if (i >= n) return;
+    uint place = pixel[i];
     bool is_there = place != NONE;
     place = is_there ? place : 0;
     Random random = sample4(place, sample, DIMENSION_PIXEL, key0, key1);
@@ -51,17 +54,19 @@ __kernel void generate(
     float down = 2.0f * (((float)row + random.y) / (float)(int)camera.height) - 1.0f;
     Vec3 on_plane = transform_vector(camera.to_world, vec3(across * camera.slope[0], -down * camera.slope[1], -1.0f));
     Vec3 eye = vec3(camera.to_world[3], camera.to_world[7], camera.to_world[11]);
-    store_planes(ray_origin, n, path, eye);
-    store_planes(ray_direction, n, path, normalize3(on_plane));
-    ray_start[path] = camera.near * sqrt(dot3(on_plane, on_plane));  // the plane is at distance 1
-    ray_length[path] = is_there ? INFINITY : 0.0f;
-    store_planes(throughput, n, path, all3(1.0f));
-    store_planes(radiance, n, path, all3(0.0f));
+    store_planes(ray_origin, n, i, eye);
+    store_planes(ray_direction, n, i, normalize3(on_plane));
+    ray_start[i] = camera.near * sqrt(dot3(on_plane, on_plane));  // the plane is at distance 1
+    ray_length[i] = is_there ? INFINITY : 0.0f;
+    store_planes(throughput, n, i, all3(1.0f));
+    store_planes(radiance, n, i, all3(0.0f));
+    path[i] = i;
+    if (i % CHUNK == 0) alive[i / CHUNK] = min(CHUNK, n - i);
 #if HAS_EMISSION
-    density[path] = INFINITY;  // as after a mirror: nothing else could have found what this ray finds
+    density[i] = INFINITY;  // as after a mirror: nothing else could have found what this ray finds
 #endif
 #if HAS_TEXTURES
-    cone[path] = 0.0f;
-    cone[n + path] = 2.0f * camera.slope[1] / (float)(int)camera.height;
+    cone[i] = 0.0f;
+    cone[n + i] = 2.0f * camera.slope[1] / (float)(int)camera.height;
 #endif
 }

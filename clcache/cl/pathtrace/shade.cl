@@ -1,7 +1,7 @@
-// One vertex of every path. Reads what the paths' rays hit; adds to their radiance what the last shadow rays let through, and
-// what the rays found themselves: emission, or the environment where there was nothing else; writes a shadow ray to one of
-// the lights with what it would bring, the path's next ray, or its end, and the throughput. One work-item per path; a ray
-// of length 0 is no ray.
+// One vertex of every path. Reads what the paths' rays hit; adds to their radiance what the rays found themselves: emission, or
+// the environment where there was nothing else; writes a shadow ray to one of the lights with what it would bring (added by
+// compact.cl), the path's next ray, or its end, and the throughput. One work-item per place in the queue; a ray of length 0
+// is no ray. `path` is whose place it is; only radiance is kept by path, since of the counts of rays only sums are wanted.
 //
 // Lights with an extent are found by both rays; the power heuristic weighs the two (Veach 1997, section 9.2): `density` is
 // with which the path's last direction was chosen. From the bounce `roulette` on, a path goes on with the probability of its
@@ -13,6 +13,7 @@
 #include "common/sampler.cl"
 #include "pathtrace/dimensions.cl"
 #include "pathtrace/mis.cl"
+#include "pathtrace/queue.cl"
 #include "scene/emitters.cl"
 #include "scene/surface.cl"
 
@@ -97,12 +98,13 @@ __kernel void shade(
     __global const float *sky_columns,     // (sky_size) or null
     __global const float *sky_density,     // (sky_size) or null
     __global const float *sky_edges,       // (sky_edges) or null
+    __global const uint *alive,            // (chunks)
+    __global const uint *path,             // (n)
     __global const uint *pixel,            // (n)
     __global const float *hit_t,           // (n)
     __global const float *hit_uv,          // (2, n)
     __global const uint *hit_primitive,    // (n)
     __global const uint *hit_instance,     // (n)
-    __global const uchar *occluded,        // (n) or null
     __global float *cone,                  // (2, n) or null
     __global float *ray_origin,            // (3, n)
     __global float *ray_direction,         // (3, n)
@@ -125,14 +127,15 @@ __kernel void shade(
     uint key0,
     uint key1)
 {
-    uint i = get_global_id(0);
-    if (i >= n) return;
+    LEAVE_IDLE_GROUP(alive, n);
+    uint i = place_in_queue();
+    if (i >= n) goto together;
     bool has_ray = ray_length[i] > 0.0f, missed = hit_instance[i] == NONE;
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
     Sky far = { environment, sky, sky_rows, sky_columns, sky_density, sky_edges };
-    Vec3 direction = load_vec3(ray_direction, n, i), carried = load_vec3(throughput, n, i), light = load_vec3(radiance, n, i);
+    Vec3 direction = load_vec3(ray_direction, n, i), carried = load_vec3(throughput, n, i);
     float cone_width = 0.0f, cone_spread = 0.0f, t = hit_t[i];
 #if HAS_TEXTURES
     cone_width = cone[i];
@@ -143,17 +146,12 @@ __kernel void shade(
     Surface surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread);
     __global const Material *m = materials + surface.material;
 
-#if HAS_DIRECT
-    bool was_lit = vertex > 0 && shadow_length[i] > 0.0f && !occluded[i];
-    light = add3(light, either3(was_lit, load_vec3(shadow_radiance, n, i), all3(0.0f)));
-#endif
 #if HAS_EMISSION
     Vec3 found = mul3(carried, found_light(&surface, &far, m, missed, t, direction, density[i]));
-    light = add3(light, either3(has_ray, found, all3(0.0f)));
+    if (has_ray) store_planes(radiance, n, path[i], add3(load_vec3(radiance, n, path[i]), found));
 #endif
-    store_planes(radiance, n, i, light);
 
-    uint place = pixel[i];
+    uint place = pixel[path[i]];
     Random random = sample4(place, sample, DIMENSION_VERTEX + 2 * vertex, key0, key1);
     Vec3 ng = surface.geometric_normal, ns = surface.shading_normal, here = surface.point, tangent, bitangent;
     make_frame(ns, &tangent, &bitangent);
@@ -202,9 +200,11 @@ __kernel void shade(
     cone[i] = surface.cone_width;
     cone[n + i] = surface.cone_spread + rough_spread(next.density < INFINITY ? surface.roughness * surface.roughness : 0.0f);
 #endif
+together:
+    LEAVE_TOGETHER;
 }
 
-// The end of every path: add what the last shadow rays let through, and what the last rays found.
+// The end of every path: add what the last rays found.
 __kernel void finish(
     __global const float *positions,          // (vertices, 3)
     __global const uint *triangles,           // (triangles, 3)
@@ -222,30 +222,24 @@ __kernel void finish(
     __global const float *sky_columns,        // (sky_size) or null
     __global const float *sky_density,        // (sky_size) or null
     __global const float *sky_edges,          // (sky_edges) or null
+    __global const uint *alive,               // (chunks)
+    __global const uint *path,                // (n)
     __global const float *hit_t,              // (n)
     __global const float *hit_uv,             // (2, n)
     __global const uint *hit_primitive,       // (n)
     __global const uint *hit_instance,        // (n)
-    __global const uchar *occluded,           // (n) or null
     __global const float *cone,               // (2, n) or null
     __global const float *ray_direction,      // (3, n)
     __global const float *ray_length,         // (n)
     __global const float *throughput,         // (3, n)
     __global const float *density,            // (n) or null
-    __global const float *shadow_length,      // (n) or null
-    __global const float *shadow_radiance,    // (3, n) or null
     __global float *radiance,                 // (3, n)
     Environment environment,
     uint n)
 {
-    uint i = get_global_id(0);
-    if (i >= n) return;
-    Vec3 light = load_vec3(radiance, n, i);
-#if HAS_DIRECT
-    bool was_lit = shadow_length[i] > 0.0f && !occluded[i];
-    light = add3(light, either3(was_lit, load_vec3(shadow_radiance, n, i), all3(0.0f)));
-#endif
-#if HAS_EMISSION
+    LEAVE_IDLE_GROUP(alive, n);
+    uint i = place_in_queue();
+    if (i >= n) goto together;
     bool has_ray = ray_length[i] > 0.0f, missed = hit_instance[i] == NONE;
     Sky far = { environment, sky, sky_rows, sky_columns, sky_density, sky_edges };
     Vec3 direction = load_vec3(ray_direction, n, i);
@@ -266,9 +260,10 @@ __kernel void finish(
     surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread);
 #endif
     Vec3 found = found_light(&surface, &far, materials + surface.material, missed, t, direction, density[i]);
-    light = add3(light, either3(has_ray, mul3(load_vec3(throughput, n, i), found), all3(0.0f)));
-#endif
-    store_planes(radiance, n, i, light);
+    found = mul3(load_vec3(throughput, n, i), found);
+    if (has_ray) store_planes(radiance, n, path[i], add3(load_vec3(radiance, n, path[i]), found));
+together:
+    LEAVE_TOGETHER;
 }
 
 // Sum albedos and normals of the first hits over the samples; nothing where there is no hit.
