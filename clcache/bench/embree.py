@@ -11,8 +11,8 @@ from .ray_sets import RaySet
 
 _SCENE, _MESH = "embreex.rtcore_scene", "embreex.mesh_construction"
 NOTE = (
-    "Embree: through embreex's Python interface, which traces single rays in the calling thread, and costs Embree some "
-    "15 to 30 %; of instances it gets the triangles. tools/peers/rays_beside_embree.py compares with its C interface."
+    "Embree: through embreex's Python interface, which traces single rays in the calling thread, and is slower than its "
+    "C interface; of instances it gets the triangles. tools/peers/rays_beside_embree.py compares with that."
 )
 
 

@@ -51,15 +51,13 @@ class RayKernels:
         lengths: cl_array.Array,
         *hits: cl_array.Array,
         coherent: bool = False,
-        count: cl_array.Array | None = None,
     ) -> cl.Event | None:
         """Enqueue: origins, directions (3, n); t_mins, lengths (n,); hits t (n,), uv (2, n), primitive, instance (n,).
 
-        coherent: each 16 rays in a row are alike, and are traced together; the results are the same bits. count: (1,) uint32,
-        how many of the rays, from the first on, are traced; nothing is said of the others' hits.
+        coherent: each 16 rays in a row are alike, and are traced together; the results are the same bits.
         """
         results = dict(zip(("t", "uv", "primitive", "instance"), hits, strict=True))
-        return self._launch("closest_hit", origins, directions, t_mins, lengths, results, coherent, count)
+        return self._launch("closest_hit", origins, directions, t_mins, lengths, results, coherent)
 
     def any_hit(
         self,
@@ -69,13 +67,12 @@ class RayKernels:
         lengths: cl_array.Array,
         occluded: cl_array.Array,
         coherent: bool = False,
-        count: cl_array.Array | None = None,
     ) -> cl.Event | None:
         """Enqueue: rays as for `closest_hit`; occluded (n,) uint8."""
-        return self._launch("any_hit", origins, directions, t_mins, lengths, {"occluded": occluded}, coherent, count)
+        return self._launch("any_hit", origins, directions, t_mins, lengths, {"occluded": occluded}, coherent)
 
-    def _launch(self, kernel: str, origins, directions, t_mins, lengths, results, coherent, count) -> cl.Event | None:
-        rays = {"origins": origins, "directions": directions, "t_mins": t_mins, "lengths": lengths, "count": count}
+    def _launch(self, kernel: str, origins, directions, t_mins, lengths, results, coherent) -> cl.Event | None:
+        rays = {"origins": origins, "directions": directions, "t_mins": t_mins, "lengths": lengths}
         n, trees = lengths.size, self._trees
         scalars = {"n": n, "joined": trees.joined_instance.size, "top_root": trees.top_root}
         name, rays_each = (f"{kernel}_packets", _PACKET) if coherent else (kernel, _CHUNK)

@@ -36,18 +36,17 @@ def kernels(device, scene):
     return RayKernels(device, SceneTrees(device, Geometry.of(scene)))
 
 
-def trace(device, rays, origins, directions, t_min=None, length=np.inf, count=None, coherent=False):
+def trace(device, rays, origins, directions, t_min=None, length=np.inf, coherent=False):
     """Closest hits and occlusion of rays given as (n, 3), by one of the two ways."""
     n = len(origins)
     up = [device.upload(np.ascontiguousarray(np.asarray(v, np.float32).T)) for v in (origins, directions)]
     up.append(None if t_min is None else device.upload(np.broadcast_to(np.float32(t_min), n)))
     up.append(device.upload(np.broadcast_to(np.float32(length), n)))
-    limit = None if count is None else device.upload(np.array([count], np.uint32))
     shapes = ((n,), np.float32), ((2, n), np.float32), ((n,), np.uint32), ((n,), np.uint32)
     out = [device.upload(np.full(shape, 77, dtype)) for shape, dtype in shapes]
     occluded = device.upload(np.full(n, 77, np.uint8))
-    rays.closest_hit(*up, *out, coherent=coherent, count=limit)
-    rays.any_hit(*up, occluded, coherent=coherent, count=limit)
+    rays.closest_hit(*up, *out, coherent=coherent)
+    rays.any_hit(*up, occluded, coherent=coherent)
     hits = np.empty(n, HIT_DTYPE)
     hits["t"], (hits["u"], hits["v"]), hits["primitive"], hits["instance"] = (a.get() for a in out)
     return hits, occluded.get()
@@ -184,18 +183,6 @@ def test_interval_is_open_for_rays_alone(device):
     hits, occluded = trace(device, rays, origins, directions, begin, end)
     np.testing.assert_array_equal(hits["t"], [np.inf, np.inf, 2, np.inf, 8, 42])
     np.testing.assert_array_equal(occluded, [0, 0, 1, 0, 1, 1])
-
-
-@pytest.mark.parametrize("coherent", [False, True])
-@pytest.mark.parametrize("count", [0, 1, 15, 16, 17, 4096, 4100, 5000, 9000])
-def test_only_the_first_are_traced(device, count, coherent):
-    rays = kernels(device, make_scene(blob(3)))
-    everyone, some = (trace(device, rays, *scattered_rays(5000), count=c, coherent=coherent) for c in (None, count))
-    assert everyone[0][:count].tobytes() == some[0][:count].tobytes()
-    np.testing.assert_array_equal(everyone[1][:count], some[1][:count])
-    after = -(-count // 16) * 16  # the rest of a packet may be written
-    assert (some[1][after:] == 77).all()
-    assert (some[0]["t"][after:] == 77).all()
 
 
 def test_results_do_not_depend_on_neighbours(device):

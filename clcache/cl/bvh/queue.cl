@@ -2,9 +2,9 @@
 
 #include "bvh/packet.cl"
 
-// The rays first .. first + 15 of n, those before `end` to be traced.
+// The rays first .. first + 15 of n; the last one again, not to be traced, where there are no more.
 INLINED Packet load_packet(__global const float *origins, __global const float *directions, __global const float *t_mins,
-                          __global const float *lengths, uint end, uint n, uint first)
+                          __global const float *lengths, uint n, uint first)
 {
     const int16 lanes = (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     size_t plane = n;
@@ -17,7 +17,7 @@ INLINED Packet load_packet(__global const float *origins, __global const float *
     packet.direction_z = load16(directions + 2 * plane, n, first);
     packet.t_min = t_mins ? load16(t_mins, n, first) : (float16)(0.0f);
     float16 length = load16(lengths, n, first);
-    int16 is_ray = (length > packet.t_min) & (lanes < (int16)(min(end - first, (uint)RAYS)));
+    int16 is_ray = (length > packet.t_min) & (lanes < (int16)(min(n - first, RAYS)));
     packet.t = is_ray ? length : (float16)(-INFINITY);
     packet.u = packet.v = (float16)(0.0f);
     packet.triangle = packet.placement = (int16)(NONE);

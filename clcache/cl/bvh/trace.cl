@@ -1,7 +1,7 @@
-// Trace rays: the nearest hit of each, or whether there is any. Reads the rays as planes, and the scene; of n rays, the first
-// `count`. A ray whose length is not above t_min is not traced: a miss, and not occluded. All go as packets (packet.cl):
-// those of `*_hit_packets` are 16 rays in a row, one work-item for each 16 rays; `*_hit` finds rays that are alike within
-// chunks, one work-item for each. The results are the same bits.
+// Trace rays: the nearest hit of each, or whether there is any. Reads the rays as planes, and the scene. A ray whose length is
+// not above t_min is not traced: a miss, and not occluded. All go as packets (packet.cl): those of `*_hit_packets` are 16 rays
+// in a row, one work-item for each 16 rays; `*_hit` finds rays that are alike within chunks, one work-item for each. The
+// results are the same bits.
 //
 // Defines: those of bvh/traced.cl.
 
@@ -34,7 +34,6 @@ ONE_BY_ONE __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void closest_
     __global const float *directions,       // (3, n)
     __global const float *t_mins,           // (n) or null
     __global const float *lengths,          // (n)
-    __global const uint *count,             // (1) or null
     __global float *t,                      // (n)
     __global float *uv,                     // (2, n)
     __global uint *primitive,               // (n)
@@ -43,9 +42,9 @@ ONE_BY_ONE __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void closest_
     int top_root,
     uint n)
 {
-    uint begin = CHUNK * get_global_id(0), end = count ? min(*count, n) : n;
-    if (begin >= end) return;
-    uint rays = min((uint)CHUNK, end - begin);
+    uint begin = CHUNK * get_global_id(0);
+    if (begin >= n) return;
+    uint rays = min((uint)CHUNK, n - begin);
     Traced traced = { top_nodes, nodes, blocks, placed, joined_first, joined_instance, bounds, joined, top_root };
 #if HAS_ALPHA
     Maps maps = { uses, textures, texels, srgb };
@@ -84,15 +83,14 @@ ONE_BY_ONE __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void any_hit(
     __global const float *directions,       // (3, n)
     __global const float *t_mins,           // (n) or null
     __global const float *lengths,          // (n)
-    __global const uint *count,             // (1) or null
     __global uchar *occluded,               // (n)
     uint joined,
     int top_root,
     uint n)
 {
-    uint begin = CHUNK * get_global_id(0), end = count ? min(*count, n) : n;
-    if (begin >= end) return;
-    uint rays = min((uint)CHUNK, end - begin);
+    uint begin = CHUNK * get_global_id(0);
+    if (begin >= n) return;
+    uint rays = min((uint)CHUNK, n - begin);
     Traced traced = { top_nodes, nodes, blocks, placed, joined_first, joined_instance, bounds, joined, top_root };
 #if HAS_ALPHA
     Maps maps = { uses, textures, texels, srgb };
@@ -131,7 +129,6 @@ ONE_BY_ONE __kernel void closest_hit_packets(
     __global const float *directions,       // (3, n)
     __global const float *t_mins,           // (n) or null
     __global const float *lengths,          // (n)
-    __global const uint *count,             // (1) or null
     __global float *t,                      // (n)
     __global float *uv,                     // (2, n)
     __global uint *primitive,               // (n)
@@ -141,14 +138,14 @@ ONE_BY_ONE __kernel void closest_hit_packets(
     uint n)
 {
     uint first = 16 * get_global_id(0);
-    if (first >= n || (count && first >= *count)) return;
+    if (first >= n) return;
     Traced traced = { top_nodes, nodes, blocks, placed, joined_first, joined_instance, bounds, joined, top_root };
 #if HAS_ALPHA
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     traced.masks = masks;
 #endif
-    Packet packet = load_packet(origins, directions, t_mins, lengths, count ? min(*count, n) : n, n, first);
+    Packet packet = load_packet(origins, directions, t_mins, lengths, n, first);
     trace_packet(&traced, false, false, &packet);
     store_hits(&traced, &packet, t, uv, primitive, instance, n, first);
 }
@@ -174,21 +171,20 @@ ONE_BY_ONE __kernel void any_hit_packets(
     __global const float *directions,       // (3, n)
     __global const float *t_mins,           // (n) or null
     __global const float *lengths,          // (n)
-    __global const uint *count,             // (1) or null
     __global uchar *occluded,               // (n)
     uint joined,
     int top_root,
     uint n)
 {
     uint first = 16 * get_global_id(0);
-    if (first >= n || (count && first >= *count)) return;
+    if (first >= n) return;
     Traced traced = { top_nodes, nodes, blocks, placed, joined_first, joined_instance, bounds, joined, top_root };
 #if HAS_ALPHA
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     traced.masks = masks;
 #endif
-    Packet packet = load_packet(origins, directions, t_mins, lengths, count ? min(*count, n) : n, n, first);
+    Packet packet = load_packet(origins, directions, t_mins, lengths, n, first);
     trace_packet(&traced, true, true, &packet);
     store_occluded(&packet, occluded, n, first);
 }
