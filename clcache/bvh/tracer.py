@@ -17,6 +17,7 @@ HIT_DTYPE = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("primitive", "u4")
 # Rays of a packet, and those among which packets are formed of rays that are not alike; as in cl/bvh/packet.cl.
 _PACKET = 16
 _CHUNK = 4096
+FARTHEST = 1e31  # as in cl/bvh/queue.cl: rays from beyond it hit nothing
 
 
 class RayKernels:
@@ -108,8 +109,8 @@ class Tracer:
     ) -> np.ndarray:
         """The nearest hit of each ray within the open interval (t_min, t_max).
 
-        origins, directions: (n, 3), finite; directions need not be of unit length, t is in units of theirs. t_min (at
-        least 0), t_max: numbers or (n,). Returns (n,) HIT_DTYPE: t; u, v, the weights of the triangle's second and third vertex;
+        origins, directions: (n, 3), finite, shorter than FARTHEST; directions need not be of unit length, t is in units of
+        theirs. t_min (at least 0), t_max: numbers or (n,). Returns (n,) HIT_DTYPE: t; u, v, the weights of the triangle's second and third vertex;
         primitive, its number in `Scene.meshes[...].triangles`; instance, its number in `Scene.instances`. A miss has t
         infinite and primitive and instance MISS. Raises ValueError for shapes or values that do not fit.
         """
@@ -147,6 +148,8 @@ class Tracer:
             raise ValueError("an origin or a direction is not finite")
         if not directions.any(axis=1).all():
             raise ValueError(f"direction {int(np.argmin(directions.any(axis=1)))} is zero")
+        if not max(np.abs(v).sum(axis=1, dtype=np.float64).max(initial=0.0) for v in (origins, directions)) < FARTHEST:
+            raise ValueError(f"an origin or a direction is longer than {FARTHEST:g}")
         limits = [np.broadcast_to(np.asarray(t, np.float32), len(origins)) for t in (t_min, t_max)]
         if not (limits[0] >= 0).all() or np.isnan(limits[1]).any():
             raise ValueError("t_min is below 0, or t_min or t_max is not a number")

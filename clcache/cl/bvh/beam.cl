@@ -52,10 +52,10 @@ INLINED void set_axis(Beam *beam, int axis, int16 rays, float16 origin, float16 
     beam->near_inverse_high[axis] = high;
     beam->far_inverse_low[axis] = low * LEAVE_LATER;
     beam->far_inverse_high[axis] = high * LEAVE_LATER;
-    beam->near_offset_low[axis] = -near * beam->near_inverse_low[axis];
-    beam->near_offset_high[axis] = -near * beam->near_inverse_high[axis];
-    beam->far_offset_low[axis] = -far * beam->far_inverse_low[axis];
-    beam->far_offset_high[axis] = -far * beam->far_inverse_high[axis];
+    beam->near_offset_low[axis] = clamp(-near * beam->near_inverse_low[axis], -LARGEST_OFFSET, LARGEST_OFFSET);
+    beam->near_offset_high[axis] = clamp(-near * beam->near_inverse_high[axis], -LARGEST_OFFSET, LARGEST_OFFSET);
+    beam->far_offset_low[axis] = clamp(-far * beam->far_inverse_low[axis], -LARGEST_OFFSET, LARGEST_OFFSET);
+    beam->far_offset_high[axis] = clamp(-far * beam->far_inverse_high[axis], -LARGEST_OFFSET, LARGEST_OFFSET);
 }
 
 inline void set_farthest(Beam *beam, const Packet *packet)
@@ -70,11 +70,12 @@ typedef struct Spread {
 
 inline void spread_axis(Spread *spread, int axis, float16 origin, float16 error, float16 inverse)
 {
+    const float16 most = (float16)(LARGEST_OFFSET);
     error = copysign(error, inverse);
     spread->near_inverse[axis].all = inverse;
     spread->far_inverse[axis].all = inverse * LEAVE_LATER;
-    spread->near_offset[axis].all = -(origin + error) * spread->near_inverse[axis].all;
-    spread->far_offset[axis].all = -(origin - error) * spread->far_inverse[axis].all;
+    spread->near_offset[axis].all = clamp(-(origin + error) * spread->near_inverse[axis].all, -most, most);
+    spread->far_offset[axis].all = clamp(-(origin - error) * spread->far_inverse[axis].all, -most, most);
 }
 
 // Those of the chosen rays that go with the first of them; *chosen are the others then.

@@ -16,6 +16,7 @@
 #endif
 
 #define LARGEST_INVERSE 1e30f   // of a direction; far from overflow
+#define LARGEST_OFFSET 3e38f    // finite, so that unused slots, whose planes are at infinity, are not met
 #define LEAVE_LATER 1.0000005f  // 1 + 2 gamma(3), and one rounding
 #define BIT_LONGER 1.0000003f   // more than a division's rounding: what t <= t_max might keep, before t is known
 #define BIT_SHORTER 0.9999997f
@@ -67,8 +68,8 @@ inline Ray make_ray(float3 origin, float3 direction, float t_min, float3 low, fl
     error = copysign(error, inverse);
     ray.near_inverse = inverse;
     ray.far_inverse = inverse * LEAVE_LATER;
-    ray.near_offset = -(origin + error) * ray.near_inverse;
-    ray.far_offset = -(origin - error) * ray.far_inverse;
+    ray.near_offset = clamp(-(origin + error) * ray.near_inverse, -LARGEST_OFFSET, LARGEST_OFFSET);
+    ray.far_offset = clamp(-(origin - error) * ray.far_inverse, -LARGEST_OFFSET, LARGEST_OFFSET);
     ray.first_x = inverse.x < 0.0f;
     ray.first_y = inverse.y < 0.0f;
     ray.first_z = inverse.z < 0.0f;

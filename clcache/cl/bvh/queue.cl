@@ -2,6 +2,17 @@
 
 #include "bvh/packet.cl"
 
+// What is not made of numbers, or begins farther out than FARTHEST, or has a longer direction, hits nothing; far enough from
+// overflow that the spaces of instances may be larger.
+#define FARTHEST 1e31f
+
+inline void drop_wild_rays(Packet *packet)
+{
+    float16 away = fabs(packet->origin_x) + fabs(packet->origin_y) + fabs(packet->origin_z);
+    float16 size = fabs(packet->direction_x) + fabs(packet->direction_y) + fabs(packet->direction_z);
+    packet->t = (away < FARTHEST) & (size < FARTHEST) ? packet->t : (float16)(-INFINITY);
+}
+
 // The rays first .. first + 15 of n; the last one again, not to be traced, where there are no more.
 INLINED Packet load_packet(__global const float *origins, __global const float *directions, __global const float *t_mins,
                           __global const float *lengths, uint n, uint first)
@@ -19,6 +30,7 @@ INLINED Packet load_packet(__global const float *origins, __global const float *
     float16 length = load16(lengths, n, first);
     int16 is_ray = (length > packet.t_min) & (lanes < (int16)(min(n - first, RAYS)));
     packet.t = is_ray ? length : (float16)(-INFINITY);
+    drop_wild_rays(&packet);
     packet.u = packet.v = (float16)(0.0f);
     packet.triangle = packet.placement = (int16)(NONE);
     return packet;
@@ -152,6 +164,7 @@ inline Packet gather_packet(__global const float *origins, __global const float 
         v[7].lane[lane] = lane < count ? lengths[i] : -INFINITY;
     }
     Packet packet = { v[0].all, v[1].all, v[2].all, v[3].all, v[4].all, v[5].all, v[6].all, v[7].all };
+    drop_wild_rays(&packet);
     packet.u = packet.v = (float16)(0.0f);
     packet.triangle = packet.placement = (int16)(NONE);
     return packet;
