@@ -16,7 +16,7 @@ from clcache.scene.motion import pose_at
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "data"
 SCRIPTED = ("cornell", "atrium", "fence", "city", "classroom", "landscape", "kitchen", "spinning", "spheres")
-MOVING_CAMERA = ("city", "classroom", "landscape", "kitchen", "spheres")
+MOVING_CAMERA = ("atrium", "city", "classroom", "landscape", "kitchen", "spheres")
 
 
 @pytest.fixture(scope="module")

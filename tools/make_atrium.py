@@ -12,7 +12,8 @@ import numpy as np
 import shapes
 from make_atrium_textures import TEXTURES
 from painting import write_textures
-from scene_files import Gltf, Material, output_folder, write_text
+from scene_files import Gltf, Material, key_frames, output_folder, write_text
+from scipy.interpolate import CubicSpline
 from shapes import (
     ALONG_X,
     ALONG_Z,
@@ -52,6 +53,8 @@ EAVES = UPPER + 4.05
 
 ARCH_RADIUS, UPPER_ARCH_RADIUS = 1.2, 0.58
 VAULT_RISE = 1.4
+
+FRAMES, FPS = 64, 30
 
 MATERIALS = {
     "plaster": Material(texture="plaster"),
@@ -691,13 +694,8 @@ def furnish(gltf: Gltf, root: int, sides: list[int], meshes: dict[str, int]) -> 
             gltf.node("orange tree", planter, meshes["orange tree"])
 
 
-SCENE = """\
+SCENE = f"""\
 # A courtyard with two storeys of arcades. Written by tools/make_atrium.py, as are the files beside it.
-
-[camera]
-position = [-10.6, 1.65, 1.1]
-look_at = [0.0, 3.0, -0.5]
-fov_y = 62
 
 [environment]
 color = [1.15, 1.6, 2.3]
@@ -715,17 +713,29 @@ mesh = "atrium"
 
 [render]
 size = [640, 360]
+frames = [0, {FRAMES}]
+fps = {FPS}
 spp = 16
 stereo = true
 eye_distance = 0.063
 """
 
 
+def camera() -> str:
+    """A walk at 1.4 m/s from the court's west end towards the north arcade, the head turning to its columns."""
+    way = np.array([(-10.6, 1.65, 1.1), (-10.14, 1.65, 0.19), (-9.53, 1.65, -0.63), (-8.75, 1.65, -1.35)])
+    goal = np.array([(0.0, 3.0, -0.5), (-1.3, 2.7, -2.9), (-3.1, 2.5, -4.6), (-5.2, 2.3, -5.7)])
+    times, knots = np.linspace(0.0, FRAMES / FPS, 33), np.linspace(0.0, FRAMES / FPS, len(way))
+    path, looks = (CubicSpline(knots, points)(times) for points in (way, goal))
+    path[:, 1] += 0.02 * np.sin(4 * np.pi * times)  # the head's bobbing, two steps in a second
+    return "\n[camera]\nfov_y = 62\n" + key_frames(times, position=path, look_at=looks)
+
+
 def main() -> None:
     out = output_folder(__doc__, "atrium")
     write_textures(out / "textures", TEXTURES)
     build().write(out / "atrium.gltf")
-    write_text(out / "scene.toml", SCENE)
+    write_text(out / "scene.toml", SCENE + camera())
 
 
 if __name__ == "__main__":
