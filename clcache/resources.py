@@ -20,7 +20,7 @@ class SceneResources:
     """
 
     def __init__(self, device: Device, scene: Scene):
-        self._device, self._scene = device, scene
+        self._device, self._scene, self.file = device, scene, scene.file
         self._geometry = geometry = Geometry.of(scene)
         emitters = Emitters.of(scene, geometry)
         self.features = features(scene, geometry, emitters)

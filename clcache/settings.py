@@ -87,6 +87,60 @@ SETTINGS: dict[str, Setting] = {
             choices=("sobol", "independent"),
         ),
         Setting(
+            "samplecache.slots",
+            12,
+            "samples that a pixel can keep, of samplecache; up to 16 need a mask of 32 bits, more one of 64",
+            1,
+            32,
+        ),
+        Setting("samplecache.target", 4.0, "samples that a pixel is to have, as far as it has slots", 1, 32),
+        Setting(
+            "samplecache.tolerance",
+            1.0,
+            "how far the mean of a pixel and its neighbours may be from the target before samples are created or purged",
+            0,
+            32,
+        ),
+        Setting(
+            "samplecache.tracing",
+            "adaptive",
+            "which samples are traced again in a frame: one of each pixel, all, or few where the surface is plainly continuous",
+            choices=("single", "multi", "adaptive"),
+        ),
+        Setting(
+            "samplecache.reprojection",
+            "deterministic",
+            "how samples get their slots: racing, in two passes without a race, or so that no order of threads matters",
+            choices=("single-pass", "two-pass", "deterministic"),
+        ),
+        Setting(
+            "samplecache.shading",
+            "adaptive",
+            "which samples are shaded in a frame: one of each pixel, or those of pixels with the fewest radiance samples first",
+            choices=("uniform", "adaptive"),
+        ),
+        Setting("samplecache.shading_rate", 0.9, "samples shaded in a frame for each pixel, on average", 0.0625, 1),
+        Setting(
+            "samplecache.demodulate",
+            False,
+            "keep radiance without the first hit's albedo, which is then read anew in every frame",
+        ),
+        Setting(
+            "samplecache.alpha",
+            0.0,
+            "weight of a new radiance sample against those before; 0: by their number, so that all count alike, but more on glossy surfaces",
+            0,
+            1,
+        ),
+        Setting(
+            "samplecache.sharpness",
+            0.8,
+            "of stereo blending: 1 takes each pixel by itself, 0 blurs moments and the other eye's colour the most",
+            0,
+            1,
+        ),
+        Setting("isrt.superresolution", 3, "cells along a pixel's edge, each of which keeps one sample", 1, 5),
+        Setting(
             "device.local_size",
             64,
             "work-items in a work-group of kernels that do not prescribe it; no effect on the image",
@@ -95,6 +149,11 @@ SETTINGS: dict[str, Setting] = {
         ),
     )
 }
+
+# Methods with a cache, whose frames hold samples of earlier ones; spp counts the updates of each frame.
+CACHED_METHODS = ("samplecache", "isrt")
+
+STEREO_BLENDS = ("none", "samples")  # what a stereo render can join the eyes by
 
 
 def find(name: str) -> Setting:

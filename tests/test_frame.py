@@ -74,7 +74,7 @@ def run(graph, **state):
 
 
 def repeat(passes, name="repeat"):
-    return Repeat(name, passes, count=lambda s: s.times, advance=lambda s, i: replace(s, index=i))
+    return Repeat(name, passes, count=lambda s, _: s.times, advance=lambda s, i: replace(s, index=i))
 
 
 # Order
@@ -168,7 +168,7 @@ def test_passes_whose_output_nobody_asked_for_do_not_run_and_take_no_memory():
     assert run(frame) == ["a", "b"]
     assert {b.name for b in frame.buffers} == {"x", "y"}
     assert frame.nbytes == 32
-    assert set(frame.arrays) == {"x", "y"}
+    assert set(frame.of()) == {"x", "y"}
 
 
 def test_a_pass_runs_for_what_it_leaves_to_the_next_run():
@@ -180,7 +180,7 @@ def test_a_pass_runs_for_what_it_leaves_to_the_next_run():
 def test_given_arrays_are_read_and_not_allocated():
     given_array = np.arange(3)
     frame = graph([Note("a", ["given"], ["x"])], ["x"], ["x"], inputs={"given": given_array})
-    assert frame.arrays["given"] is given_array
+    assert frame.of()["given"] is given_array
     assert [b.name for b in frame.buffers] == ["x"]
 
 
@@ -232,10 +232,140 @@ def test_release_gives_everything_back_once():
     assert frame._device.allocated == 0
     assert frame.nbytes == 0
     frame.release()
-    assert set(frame.arrays) == {"given"}
+    assert set(frame.of()) == {"given"}
+
+
+# Eyes
+
+
+class Add(Pass):
+    """Write what another buffer holds, and what the state says more."""
+
+    def __init__(self, source, target):
+        self.name, self.reads, self.writes = f"{source} to {target}", (source,), (target,)
+
+    def run(self, arrays, state):
+        arrays[self.writes[0]][:] = arrays[self.reads[0]] + state
+        yield None
+
+
+HISTORY = [Buffer(name, (4,), "f4", persistent=True, per_eye=True) for name in ("history", "history_before")]
+EXCHANGED = [("history", "history_before")]
+
+
+def test_each_eye_has_a_history_of_its_own():
+    passes = [Add("history_before", "history"), Add("history", "out")]
+    frame = graph(passes, [*HISTORY, "out"], ["out"], eyes=("left", "right"), exchanged=EXCHANGED)
+    for eye, state, expected in (("left", 1, 1), ("left", 2, 3), ("right", 10, 10), ("left", 3, 6), ("right", 20, 30)):
+        frame.run(state, eye=eye)
+        assert (frame.of(eye)["history"] == expected).all()
+        assert (frame.of(eye)["history_before"] == expected - state).all()
+    assert (frame.of("left")["history"] == 6).all()  # what the other eye ran since then left it alone
+    assert frame.of("left")["out"] is frame.of("right")["out"]
+    assert frame.of() is frame.of("left")
+
+
+def test_a_buffer_of_one_run_is_the_eyes_own_too():
+    buffers = [Buffer("x", (4,), per_eye=True), "y"]
+    frame = graph([Add("in", "x"), Add("x", "y")], buffers, ["y"], inputs={"in": np.zeros(4)}, eyes=("left", "right"))
+    frame.run(1, eye="left")
+    frame.run(5, eye="right")
+    assert [frame.of(eye)["x"][0] for eye in ("left", "right")] == [1, 5]
+    assert frame.sizes == {"x": 32, "y": 16}
+    assert frame.nbytes == frame._device.allocated == 48
+    frame.release()
+    assert frame._device.allocated == 0
+
+
+def test_each_eyes_arrays_are_counted_before_anything_is_allocated():
+    buffers = [Buffer("x", (100,), per_eye=True)]
+    assert graph([Note("a", [], ["x"])], buffers, ["x"], eyes=("left", "right")).nbytes == 800
+    with pytest.raises(DeviceError, match="the frame needs 1200"):
+        graph([Note("a", [], ["x"])], buffers, ["x"], eyes=("left", "right", "third"))
+
+
+def test_who_reads_what_is_exchanged_needs_who_writes_it():
+    """The output needs only what the last run left, and that the writer of this run."""
+    passes = [Add("history_before", "out"), Note("update", [], ["history"]), Note("idle", [], ["other"])]
+    frame = graph(passes, [*HISTORY, "out", "other"], ["out"], exchanged=EXCHANGED)
+    assert names(frame.passes) == ["history_before to out", "update"]
+    assert set(frame.sizes) == {"history", "history_before", "out"}
+
+
+def test_both_of_a_pair_exist_where_one_is_used():
+    frame = graph([Note("update", [], ["history"])], HISTORY, ["history"], exchanged=EXCHANGED)
+    first = frame.of()["history"]
+    run(frame)
+    assert frame.of()["history_before"] is first and frame.of()["history"] is not first
+    run(frame)
+    assert frame.of()["history"] is first
+
+
+def test_a_pair_that_nobody_uses_takes_no_memory():
+    frame = graph([Note("a", [], ["out"])], [*HISTORY, "out"], ["out"], exchanged=EXCHANGED)
+    run(frame)
+    assert set(frame.sizes) == {"out"}
+
+
+@pytest.mark.parametrize(
+    ("change", "pairs"),
+    [
+        ({"persistent": False}, EXCHANGED),
+        ({"per_eye": False}, EXCHANGED),
+        ({"shape": (5,)}, EXCHANGED),
+        ({"dtype": "u4"}, EXCHANGED),
+        ({"name": "other"}, EXCHANGED),
+        ({}, EXCHANGED * 2),
+        ({}, [("history", "history")]),
+    ],
+)
+def test_pairs_that_cannot_be_exchanged(change, pairs):
+    buffers = [HISTORY[0], replace(HISTORY[1], **change)]
+    with pytest.raises(ValueError, match="history.* cannot be exchanged"):
+        graph([Note("update", [], ["history"])], buffers, ["history"], exchanged=pairs)
+
+
+def test_equal_dtypes_of_other_names_can_be_exchanged():
+    buffers = [HISTORY[0], replace(HISTORY[1], dtype=np.float32)]
+    assert graph([Note("update", [], ["history"])], buffers, ["history"], exchanged=EXCHANGED).nbytes == 32
+
+
+def test_a_run_may_bring_other_inputs():
+    frame = graph([Add("in", "x")], ["x"], ["x"], inputs={"in": np.full(4, 2)})
+    frame.run(1, inputs={"in": np.full(4, 7)})
+    assert frame.of()["x"][0] == 8
+    frame.run(1)
+    assert frame.of()["x"][0] == 3
 
 
 # Repetition
+
+
+@pytest.mark.parametrize(
+    ("passes", "message"),
+    [
+        ([], "pass repeat reads times before any pass writes it"),
+        ([Note("late", ["x"], ["times"])], "these passes wait for each other: repeat, late"),
+    ],
+)
+def test_what_counts_is_needed_as_what_is_read(passes, message):
+    counted = Repeat("repeat", [Note("a", [], ["x"])], lambda s, arrays: 1, lambda s, i: s, ["times"])
+    with pytest.raises(ValueError, match=message):
+        graph([counted, *passes], ["x", "times"], ["x"])
+
+
+def test_how_often_may_be_read_from_the_eyes_arrays():
+    """The count is asked after what comes before has run, and looks at arrays of the eye."""
+    times = Buffer("times", (1,), "i4", persistent=True, per_eye=True)
+    passes = [
+        Add("times", "times"),
+        Repeat("repeat", [Add("sum", "sum")], lambda s, arrays: arrays["times"][0], lambda s, i: 1, ["times"]),
+    ]
+    frame = graph(passes, [times, Buffer("sum", (4,), persistent=True, per_eye=True)], ["sum"], eyes=("left", "right"))
+    frame.run(2, eye="left")
+    frame.run(3, eye="left")
+    frame.run(4, eye="right")
+    assert [frame.of(eye)["sum"][0] for eye in ("left", "right")] == [2 + 5, 4]
 
 
 def test_a_repetition_runs_its_passes_in_turn():
@@ -264,7 +394,10 @@ def test_a_repetition_leaves_out_passes_that_nobody_needs():
 
 def test_repetitions_within_repetitions():
     inner = Repeat(
-        "inner", [Note("a", ["s"], ["s"])], count=lambda s: 2, advance=lambda s, i: replace(s, index=10 * s.index + i)
+        "inner",
+        [Note("a", ["s"], ["s"])],
+        count=lambda s, _: 2,
+        advance=lambda s, i: replace(s, index=10 * s.index + i),
     )
     outer = repeat([Note("clear", [], ["s"]), inner, Note("sum", ["s"], ["out"])])
     assert run(graph([outer], ["s", "out"], ["out"]), times=2) == [
@@ -336,7 +469,7 @@ def test_persistent_buffers_begin_with_zeros_and_keep_their_contents(device, cou
     frame = FrameGraph(device, counting, [Buffer("total", (4,), persistent=True), Buffer("out", (4,))], ["out"])
     for expected in (1, 2, 3):
         frame.run(None)
-        np.testing.assert_array_equal(frame.arrays["out"].get(), np.full(4, expected))
+        np.testing.assert_array_equal(frame.of()["out"].get(), np.full(4, expected))
     frame.release()
 
 
@@ -351,12 +484,12 @@ def test_seconds_are_those_of_every_pass(device, counting):
 
 def test_long_repetitions_time_all_launches(device, counting):
     """More launches than events are kept."""
-    repeated = Repeat("often", counting[:1], count=lambda s: 700, advance=lambda s, i: s)
+    repeated = Repeat("often", counting[:1], count=lambda s, _: 700, advance=lambda s, i: s)
     frame = FrameGraph(
         device, [repeated, counting[1]], [Buffer("total", (4,), persistent=True), Buffer("out", (4,))], ["out"]
     )
     seconds = frame.run(None)
-    np.testing.assert_array_equal(frame.arrays["out"].get(), np.full(4, 700))
+    np.testing.assert_array_equal(frame.of()["out"].get(), np.full(4, 700))
     assert set(seconds) == {"count_up", "copy"}
     assert min(seconds.values()) > 0
     frame.release()

@@ -11,7 +11,7 @@ import clcache
 from clcache import DeviceError, Renderer, SettingError
 from clcache import device as device_module
 from clcache.layout import STRUCTS
-from clcache.renderer import MAX_PIXELS, _camera_record
+from clcache.renderer import MAX_PIXELS, camera_record
 from clcache.settings import SETTINGS
 
 SIZE = (12, 7)
@@ -128,7 +128,10 @@ def test_programs_are_announced_before_they_are_built(scene):
         ({"seed": -1}, "seed -1: expected 0 .. "),
         ({"seed": 2**64}, "seed 18446744073709551616: expected 0 .. "),
         ({"method": "magic"}, "method magic: unknown; there is pathtrace"),
-        ({"aovs": ("Z", "depth")}, "AOV depth: unknown; there is albedo, N, variance, samples, Z"),
+        (
+            {"aovs": ("Z", "depth")},
+            "AOV depth: unknown; there is albedo, N, variance, samples, occupancy, visible, age, trace, Z",
+        ),
         ({"settings": {"pathtrace.bounce": 3}}, "setting pathtrace.bounce: unknown; did you mean pathtrace.bounces?"),
         (
             {"settings": {"pathtrace.bounces": -1}},
@@ -196,7 +199,7 @@ def test_the_largest_image_either_fits_or_is_refused():
 def test_camera_record():
     """What the kernels are told of the camera, at any aspect."""
     camera = view((1, 2, 3), (0, 0, 0), 90, near=0.5)
-    record = _camera_record(camera, (200, 100))
+    record = camera_record(camera, (200, 100))
     assert record.dtype == STRUCTS["Camera"]
     np.testing.assert_allclose(record["slope"], [2, 1], rtol=1e-6)
     np.testing.assert_allclose(record["to_world"].reshape(3, 4), camera.transform, rtol=1e-6, atol=1e-7)

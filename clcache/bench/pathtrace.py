@@ -41,7 +41,7 @@ def traffic(graph: FrameGraph, samples: int) -> dict[str, int]:
             if isinstance(step, Repeat):
                 add(step.passes, times * samples)
             else:
-                moved = sum(graph.arrays[buffer].nbytes for buffer in (*step.reads, *step.writes))
+                moved = sum(graph.of()[buffer].nbytes for buffer in (*step.reads, *step.writes))
                 nbytes[step.name] = nbytes.get(step.name, 0) + times * moved
 
     add(graph.passes, 1)

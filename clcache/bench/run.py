@@ -20,7 +20,9 @@ from .build import build, sort
 from .job import Job
 from .pathtrace import pathtrace
 from .rays import rays
+from .reproject import reproject
 from .result import Result
+from .samplecache import samplecache
 
 ANSWER = "bench: "  # begins the lines that count: drivers may print, too
 
@@ -39,6 +41,8 @@ FAMILIES = {
     "build": Family("each kernel that builds trees", build),
     "sort": Family("each kernel of the radix sort by which trees are built", sort),
     "pathtrace": Family("each pass of a path-traced frame", pathtrace),
+    "samplecache": Family("each pass of a frame by the sample cache, beside a path-traced frame", samplecache),
+    "reproject": Family("the passes of a sample cache's forward reprojection, in its three variants", reproject),
 }
 
 

@@ -10,7 +10,7 @@ from .terminal import printable, say
 if TYPE_CHECKING:
     from ..bench import Result, Run
 
-_COLUMNS = (("benchmark", -26), ("scene", -11), ("items", 10), ("median ms", 10), ("min", 9), ("max", 9), ("rate", 9))
+_COLUMNS = (("benchmark", -40), ("scene", -11), ("items", 10), ("median ms", 10), ("min", 9), ("max", 9), ("rate", 9))
 _COLUMNS += (("", -13), ("bound", 6), ("Embree", 8), ("ratio", 6), ("agree %", 8), ("bytes/triangle", 14))
 
 
@@ -128,7 +128,7 @@ def _print_scaling(runs: list["Run"]) -> None:
             )
         )
         for scaling in scalings(few, many):
-            print(f"{scaling.family + ' ' + scaling.name:26} {printable(scaling.scene):11} {scaling.factor:10.2f}")
+            print(f"{scaling.family + ' ' + scaling.name:40} {printable(scaling.scene):11} {scaling.factor:10.2f}")
 
 
 def _size(text: str) -> tuple[int, int]:

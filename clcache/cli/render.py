@@ -40,7 +40,19 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     eyes = parser.add_mutually_exclusive_group()
     eyes.add_argument("--stereo", action="store_true", default=None, help="two eyes (default: as the scene says)")
     eyes.add_argument("--mono", dest="stereo", action="store_false", default=None, help="one eye")
-    add("--spp", metavar="N", type=_whole(1), help="samples per pixel (default: the scene's, else 16)")
+    add(
+        "--stereo-blend",
+        metavar="B",
+        choices=settings.STEREO_BLENDS,
+        help=f"how the eyes share what they know, of {', '.join(settings.STEREO_BLENDS)} (default: none)",
+    )
+    add(
+        "--spp",
+        metavar="N",
+        type=_whole(1),
+        help="samples per pixel (default: the scene's, else 16); of methods with a cache, its updates for each frame"
+        " (default: 1)",
+    )
     add(
         "--until-relmse",
         metavar="X",
@@ -144,6 +156,7 @@ def _renderer(args: argparse.Namespace, scene: "Scene", progress: Progress) -> "
         threads=args.threads,
         aovs=args.aov,
         until_relmse=args.until_relmse,
+        stereo_blend=args.stereo_blend,
         on_compile=progress.compiling,
     )
 

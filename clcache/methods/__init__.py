@@ -2,7 +2,8 @@
 
 from .method import Method, MethodSetup, PathState
 from .pathtrace import pathtrace
+from .samplecache import isrt, samplecache
 
-METHODS = {"pathtrace": pathtrace}
+METHODS = {"pathtrace": pathtrace, "samplecache": samplecache, "isrt": isrt}
 
 __all__ = ["METHODS", "Method", "MethodSetup", "PathState"]

@@ -12,32 +12,59 @@ from ..resources import SceneResources
 
 @dataclass(frozen=True)
 class MethodSetup:
-    """What a method builds its passes from. size: width, height. settings: all, by dotted name."""
+    """What a method builds its passes from. size: width, height. settings: all, by dotted name. stereo_blend: one of
+    STEREO_BLENDS."""
 
     device: Device
     scene: SceneResources
     size: tuple[int, int]
     settings: Mapping[str, bool | int | float | str]
+    stereo_blend: str = "none"
 
 
 @dataclass(frozen=True)
 class Method:
-    """Passes and the buffers that they may use. `color`, `ray_counts` and `aov_<name>` are what a frame is read from."""
+    """Passes and the buffers that they may use. `color`, `ray_counts` and `aov_<name>` are what a frame is read from.
+
+    exchanged: pairs of buffers that change places before each run of an eye. cache: names of the buffers that are the
+    method's cache. counters: what the elements of the buffer `counters` count, in order; levels: those that
+    say what there is after an update, and not what it did. primary: those counters whose sum
+    is the number of primary rays; where there are none, it is a ray for each sample of each pixel. blend: where the setup asks
+    for one, passes that join what the eyes know, run for each eye after all eyes' own passes. They read this eye's per-eye buffers by their names and
+    the other's as `other_<name>`, and the persistent ones that the eyes share; they write `blended`, which is then the
+    eye's colour, and may use blend_buffers. What they read is therefore never blended itself.
+    """
 
     passes: tuple[Pass, ...]
     buffers: tuple[Buffer, ...]
+    exchanged: tuple[tuple[str, str], ...] = ()
+    cache: tuple[str, ...] = ()
+    counters: tuple[str, ...] = ()
+    levels: tuple[str, ...] = ()
+    primary: tuple[str, ...] = ()
+    blend: tuple[Pass, ...] = ()
+    blend_buffers: tuple[Buffer, ...] = ()
 
 
 @dataclass(frozen=True)
 class PathState:
     """What the passes of one eye's frame are told. camera: Camera record. key: of the frame's random numbers. samples: for
-    each pixel, of which those before `begin` are there already; sample: the current one."""
+    each pixel, of which those before `begin` are there already; sample: the current one. update: how many times the
+    passes have run for this eye before. batch: the current one of those that a list is worked off in. other: the other
+    eye's Camera record, for the passes of a stereo blend.
+
+    Of a method with a cache, whose images have the samples of many frames, `key` is the same in all of them and `sample`
+    the update, so that a pixel's random sequence goes on; `samples` is what one update brings, 1.
+    """
 
     camera: np.void
     key: tuple[int, int]
     samples: int
     begin: int = 0
     sample: int = 0
+    update: int = 0
+    batch: int = 0
+    other: np.void | None = None
 
     @property
     def sampling(self) -> dict[str, int]:

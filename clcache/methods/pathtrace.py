@@ -35,7 +35,7 @@ def pathtrace(setup: MethodSetup) -> Method:
         TraceCamera(setup.scene),
         NearestDepth(device),
         FirstHits(device, setup.scene, sobol),
-        *_vertices(setup, sobol),
+        *vertices(setup),
         AddRadiance(device),
         AddSquare(device),
     ]
@@ -43,7 +43,7 @@ def pathtrace(setup: MethodSetup) -> Method:
         OrderPixels(device, setup.scene, setup.size, sobol),
         *(Clear(b) for b in ("ray_counts", "color_sum", "color_lost", "square_sum", "albedo_sum", "N_sum")),
         Clear("aov_Z", inf),
-        Repeat("samples", sample, count=lambda s: s.samples - s.begin, advance=_at_sample),
+        Repeat("samples", sample, count=lambda s, _: s.samples - s.begin, advance=_at_sample),
         Mean(device, "color_sum", "color"),
         Variance(device),
         SampleCount(),
@@ -57,8 +57,10 @@ def _at_sample(state: PathState, index: int) -> PathState:
     return replace(state, sample=state.begin + index)
 
 
-def _vertices(setup: MethodSetup, sobol: bool) -> list[Pass]:
+def vertices(setup: MethodSetup, stream: str = "pixel") -> list[Pass]:
+    """From first hits to the radiance of the paths that go on from there. stream: as of `Shade`."""
     device, scene, settings = setup.device, setup.scene, setup.settings
+    sobol = settings["pathtrace.sampler"] == "sobol"
     last = settings["pathtrace.bounces"]
     gathers_hits, is_lit = scene.features["HAS_EMISSION"], scene.features["HAS_DIRECT"]
     passes: list[Pass] = []
@@ -66,7 +68,7 @@ def _vertices(setup: MethodSetup, sobol: bool) -> list[Pass]:
         if vertex > 0:
             passes += [Trace(scene)]
         is_last = vertex == last and not gathers_hits
-        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol)]
+        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol, stream)]
         if is_lit:
             passes += [Shadow(scene)]
         passes += [Compact(device, scene)]

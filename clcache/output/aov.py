@@ -33,6 +33,10 @@ AOVS: dict[str, Aov] = {
             default=False,
         ),
         Aov("samples", ("samples",), "samples that the pixel's colour is the mean of", default=False),
+        Aov("occupancy", ("occupancy",), "cached samples in the pixel's slots", default=False),
+        Aov("visible", ("visible",), "those of them that are visible", default=False),
+        Aov("age", ("age",), "mean age of the visible samples, in frames", default=False),
+        Aov("trace", ("trace",), "part of the pixel's samples that were traced in this frame, 0 to 1", default=False),
         Aov(
             "Z",
             ("Z",),

@@ -25,6 +25,7 @@ from typing import Self
 import numpy as np
 
 from ..errors import SettingError
+from ..settings import CACHED_METHODS
 from .aov import AOVS
 from .exr import COLOR, REC_709, SOFTWARE, channel_names, name_in_view, sample_counts, write_images
 from .read import MONO, Picture, read_attributes, read_picture
@@ -91,6 +92,12 @@ class Source:
 def check_mergeable(sources: Sequence[Source]) -> None:
     """Raise SettingError where these files, two or more, are not the same frame rendered with different seeds."""
     first, *others = sources
+    for source in sources:
+        if source.attributes["method"] in CACHED_METHODS:
+            raise SettingError(
+                f"{source.file}: its method, {source.attributes['method']}, has samples of earlier frames, too, of which no number"
+                " is known; expected frames that stand by themselves, as pathtrace's do"
+            )
     expected, seen = first.identity(), dict.fromkeys(first.seeds, first.file)
     for source in others:
         found = source.identity()

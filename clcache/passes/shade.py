@@ -46,22 +46,32 @@ class Shade(_ShadePass):
     """One vertex of the paths: the light that they found on the way, their next rays, and shadow rays where there are lights.
 
     vertex: number of the surface along the path, 0 for the first hit. roulette: first bounce that may end a path. is_last:
-    no ray is traced after this one.
+    no ray is traced after this one. stream: the buffer that says, by path, whose random numbers it takes.
     """
 
     name = "shade"
 
-    def __init__(self, device: Device, scene: SceneResources, vertex: int, roulette: int, is_last: bool, sobol: bool):
+    def __init__(
+        self,
+        device: Device,
+        scene: SceneResources,
+        vertex: int,
+        roulette: int,
+        is_last: bool,
+        sobol: bool,
+        stream: str = "pixel",
+    ):
         super().__init__(device, scene, "shade", sobol)
+        self._stream = stream
         self._place = {"vertex": vertex, "roulette": roulette, "is_last": int(is_last), "emitters": scene.emitter_count}
         path = ("ray_length", "throughput", "radiance", "ray_counts", *self._density, *self._cone)
         shadow_ray = _SHADOW_RAY if self._is_lit else ()
-        self.reads = ("pixel", "path", "alive", *HITS, "ray_direction", *path)
+        self.reads = (stream, "path", "alive", *HITS, "ray_direction", *path)
         self.writes = ("ray_origin", "ray_direction", *path, *shadow_ray)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One vertex of each path."""
-        yield self._launch(arrays, **self._place, **state.sampling)
+        yield self._launch(arrays, pixel=arrays[self._stream], **self._place, **state.sampling)
 
 
 class Compact(Pass):

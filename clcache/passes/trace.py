@@ -11,13 +11,13 @@ from ..frame import Buffer, Pass
 from ..resources import SceneResources
 
 HITS = ("hit_t", "hit_uv", "hit_primitive", "hit_instance")
-_BLOCK = 4  # of pixel_order.cl
+BLOCK = 4  # pixels along the side of a block, as in pixel_order.cl
 _CHUNK = 4096  # of queue.cl
 
 
 def path_count(size: tuple[int, int]) -> int:
     """How many paths an image of this width and height has: whole blocks of pixels."""
-    return -(-size[0] // _BLOCK) * -(-size[1] // _BLOCK) * _BLOCK**2
+    return -(-size[0] // BLOCK) * -(-size[1] // BLOCK) * BLOCK**2
 
 
 def ray_buffers(n: int) -> list[Buffer]:

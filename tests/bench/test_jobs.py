@@ -145,6 +145,14 @@ def test_passes_of_the_path_tracer(results):
     assert passes["whole frame"].nbytes is None
 
 
+def test_passes_of_the_sample_cache(results):
+    passes = named(results, "samplecache")
+    assert {"project", "copy", "retrace", "shade", "average", "whole frame", "path-traced frame"} <= set(passes)
+    inside = sum(min(r.seconds) for name, r in passes.items() if not name.endswith("frame"))
+    assert inside < max(passes["whole frame"].seconds)
+    assert {r.items for r in passes.values()} == {SIZE[0] * SIZE[1]}
+
+
 def test_without_embree(scene, index, tmp_path, monkeypatch):
     (tmp_path / "embreex").mkdir()
     (tmp_path / "embreex" / "__init__.py").write_text("raise ImportError('not here')\n")

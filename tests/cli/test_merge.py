@@ -12,6 +12,7 @@ from clcache.cli.merge import match_files
 from clcache.errors import SettingError
 from clcache.metrics import relmse
 from clcache.output.read import read_picture
+from clcache.settings import CACHED_METHODS
 
 CORNELL = str(Path(__file__).parents[2] / "data" / "cornell" / "scene.toml")
 
@@ -124,6 +125,19 @@ def test_what_does_not_fit_is_refused(folder, capsys):
     assert "is merged, too" in refused(capsys, "a", "b", "-o", "./a")
     assert "is no regular file" in refused(capsys, zero, "b/frame_0000.exr", "-o", "empty")
     assert "-o" in refused(capsys, "a", "b")
+
+
+@pytest.mark.parametrize("method", CACHED_METHODS)
+def test_renders_of_a_cache_are_refused(folder, capsys, method):
+    """By name and reason: two of a kind as well as one among others."""
+    for seed in (1, 2):
+        small = f"--mono --size 4x4 --set pathtrace.bounces=0 --method {method} --seed {seed} -o cached{seed}"
+        assert main(["render", CORNELL, *small.split()]) == 0
+    cached = "cached1/frame_0000.exr"
+    expected = f"{cached}: its method, {method}, has samples of earlier frames, too, of which no number is known"
+    for arguments in ((cached, "cached2/frame_0000.exr"), ("a/frame_0000.exr", cached), ("cached1", "cached2")):
+        line = refused(capsys, *arguments, "-o", "m.exr")
+        assert expected in line and "expected frames that stand by themselves" in line
 
 
 def test_no_frame_is_written_if_one_cannot_be_merged(folder, capsys):

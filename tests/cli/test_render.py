@@ -61,6 +61,7 @@ class FakeRenderer:
             "method": "pathtrace",
             "settings": {},
             "seed": 1,
+            "stereo_blend": self.options["stereo_blend"] or "none",
             "spp": self.spp,
             "size": list(self.size),
         }
@@ -118,7 +119,7 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
     assert main(["render", "rooms/scene.toml"]) == 0
     options = FakeRenderer.options
     assert options["scene"] is project.scene
-    for name in ("method", "size", "stereo", "seed", "spp", "until_relmse", "device", "threads"):
+    for name in ("method", "size", "stereo", "seed", "spp", "until_relmse", "stereo_blend", "device", "threads"):
         assert options[name] is None
     assert (options["settings"], options["aovs"]) == ({}, ("albedo", "N", "Z"))
     assert project.allow_outside is False
@@ -132,10 +133,11 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
 def test_what_is_given_reaches_the_renderer(project):
     arguments = "--method other --size 8x2 --frames 0:1 --fps 60 --stereo --spp 5 --seed 0 --set pathtrace.bounces=4"
     arguments += " --set pathtrace.roulette=1 --aov Z,N,Z --device pocl --threads 3 --allow-outside -o far/away"
+    arguments += " --stereo-blend samples"
     assert main(["render", "s.toml", *arguments.split()]) == 0
     options = FakeRenderer.options
     assert (options["method"], options["size"], options["stereo"]) == ("other", (8, 2), True)
-    assert (options["spp"], options["seed"]) == (5, 0)
+    assert (options["spp"], options["seed"], options["stereo_blend"]) == (5, 0, "samples")
     assert options["settings"] == {"pathtrace.bounces": 4, "pathtrace.roulette": 1}
     assert (options["device"], options["threads"], options["aovs"]) == ("pocl", 3, ("Z", "N"))
     assert options["scene"].defaults.fps == 60.0
@@ -145,6 +147,7 @@ def test_what_is_given_reaches_the_renderer(project):
         assert {"R", "right.R", "right.Z", "N.right.X"} <= set(file.channels())
         assert not any(name.startswith("albedo") for name in file.channels())
         assert file.header()["framesPerSecond"] == 60
+        assert file.header()["stereoBlend"] == "samples"
 
 
 def test_every_view_says_how_many_samples_it_has(project, capsys):
@@ -233,8 +236,9 @@ def test_notes_and_what_was_dropped_are_said_on_a_line_each(project, capsys):
         ("--set pathtrace.bounces", "KEY=VALUE"),
         ("--set pathtrace.bounce=3", "did you mean pathtrace.bounces"),
         ("--set pathtrace.bounces=many", "0 .. 64"),
-        ("--aov depth", "albedo, N, variance, samples, Z"),
+        ("--aov depth", "albedo, N, variance, samples, occupancy, visible, age, trace, Z"),
         ("--stereo --mono", "--stereo"),
+        ("--stereo-blend some", "--stereo-blend"),
         ("--stere", "--stere"),
         ("--no-such-option", "--no-such-option"),
     ],

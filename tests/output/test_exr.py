@@ -21,6 +21,7 @@ STATS = {
     "method": "pathtrace",
     "settings": {"pathtrace.bounces": 3},
     "seed": 2**64 - 1,
+    "stereo_blend": "samples",
 }
 # At (1, 2, 3), looking along +X with +Y up: the camera's axes -Z, Y and X are the world's X, Y and Z.
 TRANSFORM = np.array([[0.0, 0.0, -1.0, 1.0], [0.0, 1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 3.0]])
@@ -78,7 +79,8 @@ def test_mono_file_has_the_conventional_names_and_every_bit(tmp_path):
     frame = FrameOf(["mono"])
     header, channels = written(tmp_path / "f.exr", frame)
     names = {"R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z", "Z"}
-    assert set(channels) == names | {"variance.R", "variance.G", "variance.B", "samples"}
+    names |= {"variance.R", "variance.G", "variance.B", "samples", "occupancy", "visible", "age", "trace"}
+    assert set(channels) == names
     assert "multiView" not in header and "eyeDistance" not in header
     for i, name in enumerate(COLOR_CHANNELS):
         np.testing.assert_array_equal(channels[name], frame.color["mono"][..., i])
@@ -127,6 +129,7 @@ def test_header_says_where_the_picture_comes_from(tmp_path):
     assert header["software"] == f"clcache {__version__}"
     assert header["scene"] == "data/cornell/scene.toml"
     assert header["method"] == "pathtrace"
+    assert header["stereoBlend"] == "samples"
     assert json.loads(header["settings"]) == {"pathtrace.bounces": 3}
     assert int(header["seed"]) == 2**64 - 1
     assert (header["frame"], header["spp"], header["right.spp"]) == (7, 16, 17)

@@ -193,6 +193,8 @@ def test_header_is_that_of_the_files_with_all_seeds(tmp_path):
         ({"settings": '{"pathtrace.bounces": 3, "new": 1}'}, "setting new: .* has 1 and .* none"),
         ({"worldToCamera": np.diag([1, 1, -1, 2]).astype(np.float32)}, "cameras: view left of .*b.exr"),
         ({"right.fovY": 0.9}, "cameras: view right of .*b.exr"),
+        ({"method": "samplecache"}, "b.exr: its method, samplecache, has samples of earlier frames"),
+        ({"method": "isrt"}, "b.exr: its method, isrt, has samples of earlier frames"),
         ({"seed": "1"}, "both hold the samples of seed 1"),
         ({"seed": "2,1,3"}, "both hold the samples of seed 1"),
         ({"right.spp": MAX_SPP}, "expected at most"),

@@ -5,9 +5,9 @@
 //
 // Defines: SOBOL, HAS_EMISSION, HAS_TEXTURES.
 
+#include "common/camera.cl"
 #include "common/pixel_order.cl"
 #include "common/sampler.cl"
-#include "common/transform.cl"
 #include "pathtrace/dimensions.cl"
 #include "pathtrace/queue.cl"
 
@@ -46,15 +46,10 @@ __kernel void generate(
     bool is_there = place != NONE;
     place = is_there ? place : 0;
     Random random = sample4(place, sample, DIMENSION_PIXEL, key0, key1);
-    int row = (int)((float)(int)place / (float)(int)camera.width), column = (int)place - row * (int)camera.width;
-    row = column < 0 ? row - 1 : row;  // what rounding may have done
-    row = column >= (int)camera.width ? row + 1 : row;
-    column = (int)place - row * (int)camera.width;
-    float across = 2.0f * (((float)column + random.x) / (float)(int)camera.width) - 1.0f;
-    float down = 2.0f * (((float)row + random.y) / (float)(int)camera.height) - 1.0f;
-    Vec3 on_plane = transform_vector(camera.to_world, vec3(across * camera.slope[0], -down * camera.slope[1], -1.0f));
-    Vec3 eye = vec3(camera.to_world[3], camera.to_world[7], camera.to_world[11]);
-    store_planes(ray_origin, n, i, eye);
+    int row, column;
+    place_of_pixel(place, camera.width, &row, &column);
+    Vec3 on_plane = through_pixel(&camera, (float)column + random.x, (float)row + random.y);
+    store_planes(ray_origin, n, i, eye_of(&camera));
     store_planes(ray_direction, n, i, normalize3(on_plane));
     ray_start[i] = camera.near * sqrt(dot3(on_plane, on_plane));  // the plane is at distance 1
     ray_length[i] = is_there ? INFINITY : 0.0f;
@@ -67,6 +62,6 @@ __kernel void generate(
 #endif
 #if HAS_TEXTURES
     cone[i] = 0.0f;
-    cone[n + i] = 2.0f * camera.slope[1] / (float)(int)camera.height;
+    cone[n + i] = pixel_spread(&camera);
 #endif
 }
