@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.list:
         for name, family in bench.FAMILIES.items():
-            print(f"{name:10}  {family.meaning}")
+            print(f"{name:11}  {family.meaning}")
         return 0
     families = bench.check_families(args.names)
     to_stdout = args.json == "-"

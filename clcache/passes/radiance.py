@@ -11,7 +11,7 @@ from ..program import Program
 from ..resources import SceneResources
 from .reproject import GROUP, counter_defines
 from .retrace import batch, draws
-from .trace import BLOCK
+from .trace import BLOCK, HITS
 
 _BINS = 13  # M; as in cl/samplecache/choose.cl
 _COUNTS = 1024  # as there
@@ -47,11 +47,11 @@ class CountImportance(Pass):
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Pixel by pixel, then block by block."""
-        (pixels, words), n = arrays["mask"].shape, arrays["pixel"].size
+        pixels, n = arrays["mask"].shape[0], arrays["pixel"].size
         yield fill(arrays["histogram"], 0)
         ranges = {"count_range": arrays["count_range_before"], "next_range": arrays["count_range"]}
         yield self._divide.run(_COUNTS, arrays, **ranges, counts=_COUNTS)
-        yield self._find.run(-(-pixels // GROUP), arrays, pixels=pixels, words=words)
+        yield self._find.run(-(-pixels // GROUP), arrays, pixels=pixels)
         yield self._count.run(n // BLOCK**2, arrays, n=n, blocks=n // BLOCK**2, update=state.update)
 
 
@@ -94,9 +94,8 @@ class BeginPaths(Pass):
         self._kernel = _shade(device, scene, demodulate)["begin_paths"]
         optional = {"density": "HAS_EMISSION", "cone": "HAS_TEXTURES", "shadow_length": "HAS_DIRECT"}
         used = tuple(buffer for buffer, feature in optional.items() if scene.features[feature])
-        hits = ("hit_t", "hit_uv", "hit_primitive", "hit_instance")
         rays = ("ray_direction", "ray_length", "path_stream")
-        self.writes = (*rays, *hits, "throughput", "radiance", "path", "alive", *used)
+        self.writes = (*rays, *HITS, "throughput", "radiance", "path", "alive", *used)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One path for each place of the batch."""

@@ -129,8 +129,8 @@ class AverageCache(Pass):
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Run by run; then what was left out, block by block."""
-        n, (pixels, words) = arrays["pixel"].size, arrays["mask"].shape
-        yield self._average.run(-(-pixels // GROUP), arrays, pixels=pixels, words=words)
+        n, pixels = arrays["pixel"].size, arrays["mask"].shape[0]
+        yield self._average.run(-(-pixels // GROUP), arrays, pixels=pixels)
         if self._fill:
             yield self._fill.run(n // BLOCK**2, arrays, n=n)
 

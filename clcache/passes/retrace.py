@@ -51,8 +51,8 @@ class Assess(Pass):
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Look at the neighbourhood of each pixel."""
-        pixels, words = arrays["mask"].shape
-        scalars = {"camera": state.camera, "pixels": pixels, "words": words, **self._density}
+        pixels = arrays["mask"].shape[0]
+        scalars = {"camera": state.camera, "pixels": pixels, **self._density}
         yield self._kernel.run(pixels, arrays, **scalars, **draws(state))
 
 

@@ -10,7 +10,8 @@ inline void drop_wild_rays(Packet *packet)
 {
     float16 away = fabs(packet->origin_x) + fabs(packet->origin_y) + fabs(packet->origin_z);
     float16 size = fabs(packet->direction_x) + fabs(packet->direction_y) + fabs(packet->direction_z);
-    packet->t = (away < FARTHEST) & (size < FARTHEST) ? packet->t : (float16)(-INFINITY);
+    int16 is_tame = (away < FARTHEST) & (size < FARTHEST);
+    packet->t = is_tame ? packet->t : (float16)(-INFINITY);
 }
 
 // The rays first .. first + 15 of n; the last one again, not to be traced, where there are no more.

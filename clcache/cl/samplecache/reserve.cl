@@ -77,6 +77,19 @@ inline Outcome reserve_by_exchange(volatile __global Mask *mask, uint slot, bool
     return *m == expected ? outcome_of(expected, slot, is_visible) : FAILED;
 }
 
+// Try slots until one is reserved, or none is left that the sample could have. compared: by exchange, else as in Listing 2.
+inline Outcome take_slot(volatile __global Mask *mask, bool is_visible, uint allowed, bool compared, uint *slot)
+{
+    Mask m = *mask;
+    Outcome outcome = FAILED;
+    uint available;
+    while (outcome == FAILED && (available = available_slots(m, is_visible, allowed)) != 0) {
+        *slot = lowest_bit(available);
+        outcome = compared ? reserve_by_exchange(mask, *slot, is_visible, &m) : reserve_by_or(mask, *slot, is_visible, &m);
+    }
+    return outcome;
+}
+
 inline void add_losses(volatile __global uint *counters, uint dropped, uint overflow, uint stolen)
 {
     if (dropped > 0) atomic_add(counters + COUNT_DROPPED, dropped);
@@ -113,13 +126,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void single_pass(
             continue;
         }
         volatile __global Mask *word = (volatile __global Mask *)mask + place;
-        Mask m = *word;
-        Outcome outcome = FAILED;
-        uint slot = 0, allowed = allowed_slots(cell, i), available;
-        while (outcome == FAILED && (available = available_slots(m, is_visible, allowed)) != 0) {
-            slot = lowest_bit(available);
-            outcome = reserve_by_or(word, slot, is_visible, &m);
-        }
+        uint slot;
+        Outcome outcome = take_slot(word, is_visible, allowed_slots(cell, i), false, &slot);
         overflow += outcome == FAILED ? 1 : 0;
         stolen += outcome == STOLEN ? 1 : 0;
         if (outcome == FAILED) continue;
@@ -152,13 +160,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void reserve(
             continue;
         }
         volatile __global Mask *word = (volatile __global Mask *)mask + place;
-        Mask m = *word;
-        Outcome outcome = FAILED;
-        uint slot = 0, allowed = allowed_slots(cell, i), available;
-        while (outcome == FAILED && (available = available_slots(m, is_visible, allowed)) != 0) {
-            slot = lowest_bit(available);
-            outcome = reserve_by_exchange(word, slot, is_visible, &m);
-        }
+        uint slot;
+        Outcome outcome = take_slot(word, is_visible, allowed_slots(cell, i), true, &slot);
         overflow += outcome == FAILED ? 1 : 0;
         stolen += outcome == STOLEN ? 1 : 0;
         if (outcome != FAILED) address[slot * pixels + place] = i;
