@@ -97,7 +97,7 @@ install_driver
 if [ "${1-}" = test ]; then
     install_packages '[test]'
     command -v oclgrind >/dev/null || apt_install oclgrind || say "no oclgrind: the tests that need it are skipped"
-    exec "$venv/bin/python" -m pytest
+    exec "$venv/bin/python" -m pytest -n auto --dist loadfile
 fi
 echo "$report"
 "$venv/bin/clcache" render data/cornell/scene.toml -o out --png

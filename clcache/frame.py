@@ -11,6 +11,9 @@ keep their contents, zeros at first, from one run to the next: a reader listed b
 A graph serves one eye or two with the same passes. Buffers that are `per_eye` exist once for each of them, and so each eye
 has a history of its own; the others are scratch, or hold what does not depend on the eye. Two buffers of an eye that are
 `exchanged` change places before each of its runs: what one was written to in a run is read as the other in the next.
+
+What the next run depends on is what its passes read before they write it. The passes of a repetition, which may run no time at
+all, do not count as writers there.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -141,6 +144,23 @@ class FrameGraph:
         """An eye's arrays (the first eye's where None) by the names that they had in its last run."""
         return self._arrays[self._eyes[0] if eye is None else eye]
 
+    def left(self, eye: str) -> dict[str, cl_array.Array]:
+        """What an eye's last run left and no other eye's run touches, or all eyes share from run to run, by name."""
+        own = self._arrays[eye]
+        return {b.name: own[b.name] for b in self.buffers if b.per_eye or b.persistent}
+
+    def kept(self) -> dict[str, cl_array.Array]:
+        """What the next runs depend on, by EYE.NAME; EYE is `all` where the eyes share it."""
+        taken = {name: partner for a, b in self._exchanged for name, partner in ((a, b), (b, a))}
+        history = read_first(self.passes)
+        kept = [b for b in self.buffers if b.persistent and taken.get(b.name, b.name) in history]
+        owners = {b.name: self._eyes if b.per_eye else ("all",) for b in kept}
+        return {
+            f"{owner}.{name}": self._arrays[self._eyes[0] if owner == "all" else owner][name]
+            for name, eyes in owners.items()
+            for owner in eyes
+        }
+
     @property
     def sizes(self) -> dict[str, int]:
         """What each of the graph's own buffers takes, of all eyes together, in bytes."""
@@ -255,6 +275,16 @@ def _dependencies(passes: Sequence[Pass], index: int, persistent: set[str]) -> s
                 if buffer in p.reads and (buffer in persistent or any(w < i for w in earlier))
             }
     return before
+
+
+def read_first(passes: Sequence[Pass]) -> set[str]:
+    """The buffers that the passes, in their order, read before they write them, or may read without writing them."""
+    read: set[str] = set()
+    written: set[str] = set()
+    for p in passes:
+        read |= {*p.reads} - written
+        written |= set() if isinstance(p, Repeat) else {*p.writes}
+    return read
 
 
 def check(

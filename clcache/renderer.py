@@ -1,6 +1,8 @@
 """Render frames: a scene, a method and a device, tied together."""
 
+import functools
 import math
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +18,12 @@ from .frame import FrameGraph
 from .layout import STRUCTS
 from .methods import METHODS, MethodSetup, PathState
 from .output.aov import AOVS
+from .output.state import StateFile, write_state
+from .passes.filter import Filter
 from .passes.trace import path_count
 from .random import stream_key
 from .resources import SceneResources
+from .scene.digest import camera_digest, scene_digest
 from .scene.model import Camera, Scene
 from .scene.motion import pose_at
 from .scene.transform import rigid
@@ -30,6 +35,13 @@ _CACHED_SPP = 1  # of methods with a cache, which have the samples of the frames
 _FIRST_ROUND = 16
 _UNTIL_SPP = 65536
 _OTHER = "other_"  # what the other eye's buffers have before their names, for the passes of a stereo blend
+_FIRST_HITS = "first_hit"  # the buffer of sample caches that holds them
+# The AOVs of filters: what there must be for them, and where it is said.
+_FILTER_AOVS = {
+    "alpha": "a temporal filter; expected --temporal taa or varianceblend",
+    "effective": "a temporal filter; expected --temporal taa or varianceblend",
+    "beta": "a stereo blend of images; expected --stereo-blend constant or varianceblend",
+}
 MAX_PIXELS = 2**30  # kernels count elements of three planes in 32 bits
 
 
@@ -60,10 +72,15 @@ class Renderer:
     the platform's or device's name. threads: compute units to use. aovs: names of AOVS. until_relmse: take samples until the
     error that the pixels' variance lets expect (mean of variance / (colour^2 + 0.01)) is below this, `spp` being the most;
     the estimate counts samples as independent, and so is too high for a low-discrepancy sampler. on_compile: called with a
-    program's name before it is built. stereo_blend: one of STEREO_BLENDS, how the eyes share what they know. What is None is
-    as the scene says, else the default. The device's memory is checked before anything is allocated. Caches are empty at
-    first and outlive a call of `frames`: the next one goes on with what the last frame left, whatever its number.
+    program's name before it is built. temporal: one of TEMPORALS, how a frame's image is joined with those of the frames
+    before; by default as the method has it. stereo_blend: one of STEREO_BLENDS, how the eyes share what they know. What is
+    None is as the scene says, else the default. The device's memory is checked before anything is allocated. Caches are
+    empty at first and outlive a call of `frames`: the next one goes on with what the last frame left, whatever its
+    number; but the history of a temporal filter ends where a frame is not the one after the last.
     Raises SettingError, DeviceError.
+
+    A frame is made in three stages, each a frame graph: the method, for each eye; the temporal filter of the eye's
+    image, right after it; and when all eyes are there, the stereo blend of what the two have, which no history knows of.
     """
 
     def __init__(
@@ -81,6 +98,7 @@ class Renderer:
         until_relmse: float | None = None,
         on_compile: Callable[[str], None] | None = None,
         stereo_blend: str | None = None,
+        temporal: str | None = None,
     ):
         defaults = scene.defaults
         self.scene = scene
@@ -92,10 +110,9 @@ class Renderer:
             raise SettingError(f"method {self.method}: unknown; there is {', '.join(METHODS)}")
         self.spp = self._checked_spp(spp)
         self.eyes = ("left", "right") if _first(stereo, defaults.stereo) else ("mono",)
-        self.stereo_blend = _first(stereo_blend, "none")
-        if self.stereo_blend not in settings_module.STEREO_BLENDS:
-            known = ", ".join(settings_module.STEREO_BLENDS)
-            raise SettingError(f"stereo_blend {self.stereo_blend}: unknown; there is {known}")
+        default = settings_module.DEFAULT_TEMPORALS.get(self.method, "none")
+        self.temporal = _known("temporal", _first(temporal, default), settings_module.TEMPORALS)
+        self.stereo_blend = _known("stereo_blend", _first(stereo_blend, "none"), settings_module.STEREO_BLENDS)
         if self.stereo_blend != "none" and len(self.eyes) < 2:
             raise SettingError(f"stereo_blend {self.stereo_blend}: there is one eye; expected stereo")
         self.settings = settings_module.resolve(defaults.settings, settings or {})
@@ -105,11 +122,23 @@ class Renderer:
         self._resources = SceneResources(self.device, scene)
         setup = MethodSetup(self.device, self._resources, self.size, self.settings, self.stereo_blend)
         self._parts = parts = METHODS[self.method](setup)
-        self._check_offers()
+        self._temporal = self._temporal_filter()
+        self._stereo = self._stereo_filter()
+        self._check_aovs()
         self._graph = FrameGraph(
             self.device, parts.passes, parts.buffers, self._outputs(), eyes=self.eyes, exchanged=parts.exchanged
         )
-        self._blend = self._blend_graph() if parts.blend else None
+        eye = self.eyes[0]
+        self._temporal_graph = self._temporal and self._temporal.graph(
+            self.device, self.aovs, self._graph.left(eye), self.eyes
+        )
+        self._stereo_graph = self._stereo and self._stereo.graph(
+            self.device, self.aovs, self._pair_inputs(eye), self.eyes
+        )
+        # The frames that were rendered first and last, and whether all were completed.
+        self._first: int | None = None
+        self._last: int | None = None
+        self._is_whole = True
         self._updates = dict.fromkeys(self.eyes, 0)
         self._render_seconds = 0.0
 
@@ -117,51 +146,72 @@ class Renderer:
         """The samples for each pixel, or the most of them. Raises SettingError."""
         goal = self.until_relmse
         if goal is None:
-            default = (
-                _CACHED_SPP
-                if self.method in settings_module.CACHED_METHODS
-                else _first(self.scene.defaults.spp, DEFAULT_SPP)
-            )
+            default = _CACHED_SPP if self._is_cached else _first(self.scene.defaults.spp, DEFAULT_SPP)
             return _checked("spp", _first(spp, default), 1, 2**31 - 1)
         if not goal > 0:
             raise SettingError(f"until_relmse {goal}: expected a number above 0")
-        if self.method in settings_module.CACHED_METHODS:
+        if self._is_cached:
             others = ", ".join(name for name in METHODS if name not in settings_module.CACHED_METHODS)
             raise SettingError(
                 f"until_relmse {goal}: method {self.method} has a cache; expected a method without, {others}"
             )
         return _checked("spp", _first(spp, _UNTIL_SPP), 2, 2**31 - 1)  # one sample says nothing of the variance
 
-    def _check_offers(self) -> None:
-        """Raise SettingError where the method lacks an AOV or the blend that is asked for."""
+    def _temporal_filter(self) -> Filter | None:
+        if self.temporal == "none":
+            return None
+        from .passes.temporal import temporal
+
+        self._resources.keep_before()
+        return temporal(self.device, self._resources, self.size, self.settings, self.temporal)
+
+    def _stereo_filter(self) -> Filter | None:
+        if self.stereo_blend == "none":
+            return None
+        if self.stereo_blend == "samples":
+            if not self._parts.blend:
+                raise SettingError(f"stereo_blend samples: method {self.method} has no cache of samples to blend")
+            return Filter(self._parts.blend, self._parts.blend_buffers, "blended")
+        from .passes.stereo import stereo
+
+        return stereo(self.device, self._resources, self.size, self.settings, self.stereo_blend)
+
+    @property
+    def _filters(self) -> list[Filter]:
+        return [f for f in (self._temporal, self._stereo) if f]
+
+    def _check_aovs(self) -> None:
+        """Raise SettingError where an AOV is asked for that nothing here writes."""
         own = {b.name for b in self._parts.buffers}
+        filters = {b.name for f in self._filters for b in f.buffers}
         for name in self.aovs:
-            if f"aov_{name}" not in own:
+            if name in _FILTER_AOVS and f"aov_{name}" not in filters:
+                raise SettingError(f"AOV {name}: needs {_FILTER_AOVS[name]}")
+            if f"aov_{name}" not in own | filters:
                 there = ", ".join(n for n in AOVS if f"aov_{n}" in own) or "none"
                 raise SettingError(f"AOV {name}: method {self.method} has none; it has {there}")
-        if self.stereo_blend != "none" and not self._parts.blend:
-            raise SettingError(
-                f"stereo_blend {self.stereo_blend}: method {self.method} has no cache of samples to blend"
-            )
 
     def _outputs(self) -> set[str]:
         """The buffers of the method that a frame is made from."""
         parts = self._parts
-        outputs = {"color", "ray_counts", *(f"aov_{name}" for name in self.aovs)}
+        outputs = {"color", "ray_counts"} | {f"aov_{name}" for name in self.aovs} & {b.name for b in parts.buffers}
         outputs |= {"aov_variance"} if self.until_relmse is not None else set()
         outputs |= {"counters"} if parts.counters else set()
-        of_blend = {b.name for b in parts.blend_buffers}
-        return outputs | {b.removeprefix(_OTHER) for p in parts.blend for b in p.reads if b not in of_blend}
-
-    def _blend_graph(self) -> FrameGraph:
-        parts, inputs = self._parts, self._eye_inputs(self.eyes[0])
-        return FrameGraph(self.device, parts.blend, parts.blend_buffers, {"blended"}, inputs, self.eyes)
+        read = {name.removeprefix(_OTHER) for f in self._filters for name in f.inputs(self.aovs)}
+        return outputs | (read - {b.name for f in self._filters for b in f.buffers})
 
     def _eye_inputs(self, eye: str) -> dict[str, cl_array.Array]:
-        """What an eye's blend may read: what the last runs of both eyes left."""
-        own, other = self._graph.of(eye), self._graph.of(self._other(eye))
-        left = [b for b in self._graph.buffers if b.per_eye or b.persistent]
-        return {b.name: own[b.name] for b in left} | {f"{_OTHER}{b.name}": other[b.name] for b in left}
+        """What the stages so far left of an eye; its image is `color`."""
+        left = self._graph.left(eye)
+        if self._temporal:
+            filtered = self._temporal_graph.left(eye)
+            left |= filtered | {"color": filtered[self._temporal.output]}
+        return left
+
+    def _pair_inputs(self, eye: str) -> dict[str, cl_array.Array]:
+        """What an eye's stereo blend may read: what is left of both."""
+        other = self._eye_inputs(self._other(eye))
+        return self._eye_inputs(eye) | {f"{_OTHER}{name}": array for name, array in other.items()}
 
     def _other(self, eye: str) -> str:
         return next(e for e in self.eyes if e != eye)
@@ -177,6 +227,99 @@ class Renderer:
             raise SettingError(f"frames {begin}:{end}: expected 0 <= first < end")
         for number in range(begin, end):
             yield self._render(number, progress)
+
+    @property
+    def has_state(self) -> bool:
+        """Whether a frame depends on those before it."""
+        return self._is_cached or self.temporal != "none"
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the state after the last frame to a file, whole or not at all: all that the next frame depends on.
+
+        Raises SettingError where there is no such frame, or one was broken off, which leaves the eyes apart; SettingError or
+        Error where the file cannot be written.
+        """
+        if self._last is None or not self._is_whole:
+            why = "there is no frame yet" if self._is_whole else "a frame was broken off"
+            raise SettingError(f"{path}: {why}; expected a state after whole frames")
+        numbers = {"first": self._first, "frame": self._last, "updates": max(self._updates.values())}
+        arrays = ((name, array.get()) for name, array in self._kept().items())
+        write_state(path, self._identity() | numbers, arrays)
+
+    def restore(self, path: str | os.PathLike) -> int:
+        """Go on with what `save` wrote: the frames that follow are bit for bit what they would have been there. path: the file, or
+        the folder that has it. Returns the number of the last frame. Raises SettingError where it is not a state of the
+        same scene, method, settings, seed, size, eyes and filters."""
+        with StateFile(path) as state:
+            state.check(self._identity())
+            first, last = (state.number(name) for name in ("first", "frame"))
+            updates = state.number("updates")
+            self._load(state, self._kept())
+        self._first, self._last, self._is_whole = first, last, True
+        self._updates = dict.fromkeys(self.eyes, updates)
+        self._resources.set_time(last / self.scene.defaults.fps)
+        return last
+
+    def warm_start(self, path: str | os.PathLike) -> None:
+        """Begin with what another sequence of the same scene knew of the world: frames, cameras, size, eyes and seed may be others.
+
+        path: as of `restore`. To be called before the first frame. Raises SettingError where the method keeps nothing of the
+        kind, or the file is not of the same scene, method and settings (those of filters aside).
+        """
+        if not self._parts.world:
+            raise SettingError(f"{path}: method {self.method} keeps nothing that another sequence could begin with")
+        if self._last is not None or not self._is_whole:
+            raise SettingError(f"{path}: there are frames already; expected a warm start before the first")
+        kept = self._kept()
+        names = (f"method.all.{name}" for name in self._parts.world)
+        with StateFile(path) as state:
+            state.check(self._world_identity())
+            updates = state.number("updates")
+            self._load(state, {name: kept[name] for name in names if name in kept})
+        self._updates = dict.fromkeys(self.eyes, updates)
+
+    def _load(self, state: StateFile, arrays: Mapping[str, cl_array.Array]) -> None:
+        state.check_arrays({name: (array.shape, array.dtype) for name, array in arrays.items()})
+        for name in arrays:  # what kernels take for indices
+            if _last(name) == _FIRST_HITS and not self._resources.has_first_hits(state.read(name)):
+                raise SettingError(
+                    f"{state.path}: {name} has triangles that the scene lacks; expected a state of this scene"
+                )
+        for name, array in arrays.items():
+            array.set(state.read(name))
+
+    def _kept(self) -> dict[str, cl_array.Array]:
+        """What the next frame depends on, by GRAPH.EYE.NAME."""
+        graphs = {"method": self._graph, "temporal": self._temporal_graph, "stereo": self._stereo_graph}
+        return {f"{stage}.{name}": a for stage, graph in graphs.items() if graph for name, a in graph.kept().items()}
+
+    @functools.cached_property
+    def _scene_digest(self) -> str:
+        return scene_digest(self.scene)
+
+    def _world_identity(self) -> dict[str, object]:
+        """What is the same in all sequences that can share what they know of the world."""
+        return {
+            "version": __version__,
+            "content of the scene": self._scene_digest,
+            "method": self.method,
+            "settings": {n: v for n, v in self.settings.items() if _group(n) not in settings_module.IMAGE_SETTINGS},
+        }
+
+    def _identity(self) -> dict[str, object]:
+        """What is the same in all renders that can go on with each other's state."""
+        filters = {*settings_module.IMAGE_SETTINGS} - {"device"}
+        return self._world_identity() | {
+            "camera's path": camera_digest(self.scene),
+            "filters": {n: v for n, v in self.settings.items() if _group(n) in filters},
+            "temporal": self.temporal,
+            "stereo_blend": self.stereo_blend,
+            "size": self.size,
+            "eyes": self.eyes,
+            "seed": self.seed,
+            "spp": self.spp,
+            "until_relmse": self.until_relmse,
+        }
 
     def stats(self) -> dict:
         """All of stats.json but its frames, so far."""
@@ -199,6 +342,7 @@ class Renderer:
             "settings": self.settings,
             "spp": self.spp,
             "seed": self.seed,
+            "temporal": self.temporal,
             "stereo_blend": self.stereo_blend,
             "size": list(self.size),
             "features": self._resources.features,
@@ -217,40 +361,64 @@ class Renderer:
 
     def _render(self, number: int, progress: Callable[[float], None] | None) -> Frame:
         start = time.perf_counter()
+        was_whole, self._is_whole = self._is_whole, False
+        before, self._last = self._last, None  # what is broken off is no history
         seconds = number / self.scene.defaults.fps
         cameras = {eye: self._eye_camera(index, seconds) for index, eye in enumerate(self.eyes)}
         try:
             self._resources.set_time(seconds)
-            color, aovs, stats = self._render_eyes(number, cameras, progress)
+            color, aovs, stats = self._render_eyes(number, before, cameras, progress)
         except cl.Error as error:
             raise DeviceError(f"frame {number}: the device failed: {error}") from error
+        self._first = number if self._first is None else self._first
+        self._last, self._is_whole = number, was_whole
         elapsed = time.perf_counter() - start
         self._render_seconds += elapsed
         return Frame(number, color, cameras, {"frame": number, "seconds": elapsed, "eyes": stats}, aovs)
 
     def _render_eyes(
-        self, number: int, cameras: Mapping[str, Camera], progress: Callable[[float], None] | None
+        self,
+        number: int,
+        before: int | None,
+        cameras: Mapping[str, Camera],
+        progress: Callable[[float], None] | None,
     ) -> tuple[dict, dict, dict]:
-        """The eyes' colours, AOVs and statistics, each by eye."""
+        """The eyes' colours, AOVs and statistics, each by eye. before: the last frame, if there is one."""
         color, aovs, stats = {}, {}, {}
-        is_cached = self.method in settings_module.CACHED_METHODS
-        samples = 1 if is_cached else self.spp
-        # Of a cache each eye has random numbers of its own: what is blended is to be independent.
-        keys = [stream_key(self.seed, index if is_cached else number) for index in range(len(self.eyes))]
-        states = {
-            eye: PathState(camera_record(cameras[eye], self.size), key, samples)
-            for eye, key in zip(self.eyes, keys, strict=True)
-        }
+        states = {eye: self._state(index, number, before, cameras[eye]) for index, eye in enumerate(self.eyes)}
         for index, eye in enumerate(self.eyes):
             part = None if progress is None else lambda p, index=index: progress((index + p) / len(self.eyes))
-            stats[eye] = (self._update if is_cached else self._sample)(eye, states[eye], part)
-            color[eye] = self._image("color", eye)
-            aovs[eye] = {name: self._image(f"aov_{name}", eye) for name in self.aovs}
-        for eye in self.eyes if self._blend else ():
+            stats[eye] = (self._update if self._is_cached else self._sample)(eye, states[eye], part)
+            aovs[eye] = self._aovs_of(self._graph, eye)
+            color[eye] = self._graph.of(eye)["color"]
+            if self._temporal:
+                state = replace(states[eye], update=self._updates[eye] - 1)
+                _add(stats[eye]["passes"], self._temporal_graph.run(state, eye=eye, inputs=self._graph.left(eye)))
+                aovs[eye] |= self._aovs_of(self._temporal_graph, eye)
+                color[eye] = self._temporal_graph.of(eye)[self._temporal.output]
+            if not self._stereo:
+                color[eye] = self._shaped(color[eye])
+        for eye in self.eyes if self._stereo else ():
             state = replace(states[eye], other=states[self._other(eye)].camera, update=self._updates[eye] - 1)
-            _add(stats[eye]["passes"], self._blend.run(state, eye=eye, inputs=self._eye_inputs(eye)))
-            color[eye] = self._shaped(self._blend.of(eye)["blended"])
+            _add(stats[eye]["passes"], self._stereo_graph.run(state, eye=eye, inputs=self._pair_inputs(eye)))
+            aovs[eye] |= self._aovs_of(self._stereo_graph, eye)
+            color[eye] = self._shaped(self._stereo_graph.of(eye)[self._stereo.output])
         return color, aovs, stats
+
+    @property
+    def _is_cached(self) -> bool:
+        return self.method in settings_module.CACHED_METHODS
+
+    def _state(self, index: int, number: int, last: int | None, camera: Camera) -> PathState:
+        """What the passes of an eye's frame are told. last: the number of the frame before."""
+        before = None
+        if last is not None and number == last + 1:
+            before = camera_record(self._eye_camera(index, last / self.scene.defaults.fps), self.size)
+        # What is blended is to be independent: then, and of a cache, each eye has random numbers of its own.
+        aside = index << 32 if self.stereo_blend != "none" else 0
+        key = stream_key(self.seed, index if self._is_cached else number + aside)
+        samples = 1 if self._is_cached else self.spp
+        return PathState(camera_record(camera, self.size), key, samples, eye=index, camera_before=before)
 
     def _update(self, eye: str, state: PathState, progress: Callable[[float], None] | None) -> dict:
         """Update an eye's cache as often as spp says: the eye's statistics. Times, rays and counters are of all updates; what the
@@ -315,6 +483,12 @@ class Renderer:
         """An image of the method's graph as (H, W) or (H, W, 3) float32."""
         return self._shaped(self._graph.of(eye)[buffer])
 
+    def _aovs_of(self, graph: FrameGraph, eye: str) -> dict[str, np.ndarray]:
+        """Those of the AOVs that an eye's last run of this graph wrote."""
+        arrays = graph.of(eye)
+        written = {b.name for b in graph.buffers}
+        return {name: self._shaped(arrays[f"aov_{name}"]) for name in self.aovs if f"aov_{name}" in written}
+
     def _shaped(self, image: cl_array.Array) -> np.ndarray:
         width, height = self.size
         pixels = image.get()
@@ -361,6 +535,20 @@ def camera_record(camera: Camera, size: tuple[int, int]) -> np.void:
 def _first(*values):
     """The first value that is not None."""
     return next((v for v in values if v is not None), None)
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _group(setting: str) -> str:
+    return setting.partition(".")[0]
+
+
+def _known(what: str, name: str, names: Sequence[str]) -> str:
+    if name not in names:
+        raise SettingError(f"{what} {name}: unknown; there is {', '.join(names)}")
+    return name
 
 
 def _checked(name: str, value: int, low: int, high: int) -> int:

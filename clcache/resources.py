@@ -12,6 +12,8 @@ from .scene.geometry import Geometry
 from .scene.model import WRAP_MODES, Scene, TextureUse
 from .scene.textures import mip_chain, srgb_to_linear
 
+_NONE = 0xFFFFFFFF  # as in cl/common/math.cl
+
 
 class SceneResources:
     """Upload a scene, once for all its eyes and frames. `features` are the defines that kernels are specialised by.
@@ -21,6 +23,7 @@ class SceneResources:
 
     def __init__(self, device: Device, scene: Scene):
         self._device, self._scene, self.file = device, scene, scene.file
+        self._keeps_before = False
         self._geometry = geometry = Geometry.of(scene)
         emitters = Emitters.of(scene, geometry)
         self.features = features(scene, geometry, emitters)
@@ -41,12 +44,18 @@ class SceneResources:
         has_alpha, has_textures = self.features["HAS_ALPHA"], self.features["HAS_TEXTURES"]
         self.rays = RayKernels(device, self.trees, self.arrays, has_alpha, has_textures)
 
+    def keep_before(self) -> None:
+        """Keep `instances_before` in the arrays: from each call of `set_time` on, the instances as they were at the call before."""
+        if not self._keeps_before:
+            self._keeps_before = True
+            self._upload(self._device, instances_before=self.arrays["instances"].get())
+
     def set_time(self, time: float) -> None:
         """Put what moves where it is at a time, in seconds. The tree over the instances is rebuilt only if one of them moved
-        since the last call. `instances_before` in the arrays are the instances as they were at the call before."""
+        since the last call."""
         scene, before = self._scene, self._geometry
         self._geometry = geometry = before.at(scene, time)
-        if any(i.motion for i in scene.instances):
+        if self._keeps_before and any(i.motion for i in scene.instances):
             self._replace(instances_before=self.arrays["instances"].get())
         if geometry is not before:
             self.trees.move(geometry)
@@ -58,6 +67,18 @@ class SceneResources:
             self._material_records["emitter_density"] = emitters.material_density
             self._replace(materials=self._material_records)
             self.environment["chance"] = emitters.sky_chance
+
+    def has_first_hits(self, layers: np.ndarray) -> bool:
+        """Whether all first hits, packed as `cl/scene/first_hit.cl` says, are of triangles and materials that there are. layers:
+        (n, m, 4) uint32."""
+        geometry, materials = self._geometry, self.arrays["materials"].size
+        triangles = np.diff(geometry.first_triangle)[geometry.instance_mesh]
+        for x, y, primitive, instance in np.moveaxis(layers, -1, 1):  # one by one, for the sake of memory
+            is_far, is_known = instance == _NONE, instance < len(triangles)
+            known = triangles[np.where(is_known, instance, 0)]
+            if not ((x >> 24 | y >> 24 << 8) < materials).all() or not (is_far | is_known & (primitive < known)).all():
+                return False
+        return True
 
     def _replace(self, **arrays: np.ndarray) -> None:
         self._device.queue.finish()

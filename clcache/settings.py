@@ -32,7 +32,7 @@ class Setting:
             return "true, false"
         if self.low is None and self.high is None:
             return "any"
-        return f"{'' if self.low is None else f'{self.low:g}'} .. {'' if self.high is None else f'{self.high:g}'}"
+        return f"{_bound(self.low)} .. {_bound(self.high)}"
 
     def parse(self, value: object) -> bool | int | float | str:
         """The value, from text or from a typed value, as the setting's type. Raises SettingError."""
@@ -141,6 +141,79 @@ SETTINGS: dict[str, Setting] = {
         ),
         Setting("isrt.superresolution", 3, "cells along a pixel's edge, each of which keeps one sample", 1, 5),
         Setting(
+            "voxelhash.capacity",
+            2097152,
+            "voxels that the table has room for, 24 bytes each and 4 of scratch",
+            1,
+            2**28,
+        ),
+        Setting("voxelhash.probe", 16, "places of the table that a voxel may be at", 1, 64),
+        Setting(
+            "voxelhash.lifetime",
+            64,
+            "updates, of which --spp is the number in a frame, without access after which a voxel's place may be taken",
+            1,
+            2**29,
+        ),
+        Setting(
+            "voxelhash.jitter",
+            True,
+            "let a hit find its voxel at random among its neighbours, which hides the voxels' edges",
+        ),
+        Setting(
+            "voxelhash.gate",
+            True,
+            "follow paths on from hits that lie closer to where they come from than a voxel is wide: there its edges would show",
+        ),
+        Setting(
+            "voxelhash.lod",
+            "incidence",
+            "what the size of voxels follows: the distance, or the pixel's footprint on the surface, which slanted ones stretch",
+            choices=("distance", "incidence"),
+        ),
+        Setting("voxelhash.level_bias", 0.0, "added to the level of detail: 1 doubles the width of voxels", -8, 8),
+        Setting(
+            "voxelhash.inherit",
+            True,
+            "let a new voxel begin with the radiance of the coarser or finer one at its place",
+        ),
+        Setting(
+            "voxelhash.alpha",
+            0.0,
+            "weight of a new radiance sample against those before; 0: by their number, so that all count alike",
+            0,
+            1,
+        ),
+        Setting(
+            "temporal.history",
+            "bicubic",
+            "how temporal filters read the frame before between its pixels: bicubic stays sharper",
+            choices=("bilinear", "bicubic"),
+        ),
+        Setting("taa.alpha", 0.1, "weight of the new frame against the history, of --temporal taa", 0, 1),
+        Setting(
+            "taa.validation",
+            "clamp",
+            "what becomes of a history that lies outside the new pixel's neighbourhood of 3x3: it is kept, dropped, put to the"
+            " edge of the neighbours' range, or drawn towards their mean as far as taa.gamma standard deviations",
+            choices=("none", "reject", "clamp", "clip"),
+        ),
+        Setting("taa.gamma", 1.0, "standard deviations that taa.validation=clip lets the history be off", 0, 10),
+        Setting(
+            "varianceblend.per_channel",
+            False,
+            "of both --temporal and --stereo-blend varianceblend: weigh each colour channel by its own variance; else all three by"
+            " that of the luminance",
+        ),
+        Setting(
+            "varianceblend.estimate",
+            "corrected",
+            "how --temporal varianceblend estimates the history's bias: as published, where the new frame's noise counts as bias,"
+            " or corrected for that noise; --stereo-blend varianceblend does it as published",
+            choices=("published", "corrected"),
+        ),
+        Setting("stereo.beta", 0.5, "weight of the own eye's colour, of --stereo-blend constant", 0, 1),
+        Setting(
             "device.local_size",
             64,
             "work-items in a work-group of kernels that do not prescribe it; no effect on the image",
@@ -151,9 +224,20 @@ SETTINGS: dict[str, Setting] = {
 }
 
 # Methods with a cache, whose frames hold samples of earlier ones; spp counts the updates of each frame.
-CACHED_METHODS = ("samplecache", "isrt")
+CACHED_METHODS = ("samplecache", "isrt", "voxelhash", "hybrid")
 
-STEREO_BLENDS = ("none", "samples")  # what a stereo render can join the eyes by
+TEMPORALS = ("none", "taa", "varianceblend")  # what a frame can be joined with those before it by
+DEFAULT_TEMPORALS = {"voxelhash": "varianceblend"}  # by method; of the others none
+
+# Groups of settings that the caches of the world know nothing of: those of the device, and of filters of images.
+IMAGE_SETTINGS = ("device", "temporal", "taa", "varianceblend", "stereo")
+
+STEREO_BLENDS = ("none", "constant", "varianceblend", "samples")  # what a stereo render can join the eyes by
+
+
+def _bound(value: float | None) -> str:
+    """The end of a range in words; whole numbers with all their digits."""
+    return "" if value is None else str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def find(name: str) -> Setting:

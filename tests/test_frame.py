@@ -307,6 +307,24 @@ def test_a_pair_that_nobody_uses_takes_no_memory():
     assert set(frame.sizes) == {"out"}
 
 
+def test_what_the_next_run_depends_on():
+    """What is read before it is written, under the name that it had last; a repetition may have written nothing."""
+    passes = [
+        Note("make", [], ["made"]),
+        Note("blend", ["made", "history_before"], ["history"]),
+        Note("add", ["sum"], ["sum"]),
+        repeat([Note("shade", ["history"], ["inside", "light"]), Note("use", ["inside"], ["color"])]),
+        Note("end", ["light", "sum"], ["out"]),
+    ]
+    shared = [Buffer(name, (4,), persistent=True) for name in ("made", "sum", "inside", "light", "color")]
+    frame = graph(passes, [*HISTORY, *shared, "out"], ["out", "color"], eyes=("left", "right"), exchanged=EXCHANGED)
+    first = frame.of("right")["history"]
+    run(frame)
+    assert set(frame.kept()) == {"left.history", "right.history", "all.sum", "all.light"}
+    assert frame.kept()["left.history"] is frame.of("left")["history"]
+    assert frame.kept()["right.history"] is first
+
+
 @pytest.mark.parametrize(
     ("change", "pairs"),
     [

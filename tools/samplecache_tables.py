@@ -13,35 +13,45 @@ DIR holds frames of the same view and size, as `clcache render` names them, each
 The error is taken at those frames that are there. `static` renders its own one and keeps it there. Exit codes are those of
 `clcache`: 1 where the work failed, 2 where what was given is wrong.
 
-All that is compared runs in one process, frame by frame, and each in turn is first, so that whatever else the machine
-does meets all alike. A frame's time is the wall clock's, a pass's the device's, and both are medians; compare by the ratios,
-which are of all frames' sums. Frames at the start (`--skip`), in which caches fill, count for neither times nor
-differences. The difference between a frame and the one before it is taken where both show the same point, as a depth tells
-that is the same for all methods: that of a ray through the pixel's centre, at the scene's start and without alpha masks.
+How times and differences are taken stands in tools/measuring.py.
 """
 
 import argparse
-import json
-import re
-import statistics
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from measuring import (
+    ROOT,
+    Configuration,
+    add_common,
+    add_frames,
+    counters_table,
+    errors_table,
+    exit_code,
+    frame_range,
+    mean,
+    ms,
+    number,
+    read_references,
+    renderer,
+    report,
+    sequence,
+    summary,
+    table,
+    whole,
+    write_json,
+)
 from tqdm import tqdm
 
-from clcache import Error, Renderer, SceneError, SettingError, Tracer, load_scene
+from clcache import SettingError, load_scene
 from clcache.cli import Parser
-from clcache.cli.render import MAX_FRAME
-from clcache.cli.terminal import say
-from clcache.metrics import View, relmse, reprojected_difference
+from clcache.metrics import relmse
 from clcache.output.files import atomic_path, check_target
-from clcache.output.read import read_picture
-from clcache.scene.model import Camera, Scene
+from clcache.scene.model import Scene
 
-ROOT = Path(__file__).resolve().parent.parent
 STILL = 1e9  # frames per second: all frames show the start
 CHECKPOINTS = (1, 4, 16, 64)  # samples per pixel of `static`
 REFERENCE_SEED = 1000
@@ -49,7 +59,7 @@ REFERENCE_SEED = 1000
 # The stages of the paper's figures, and the passes that each has.
 STAGES = {
     "reprojection": ("clear", "list", "project", "reserve", "copy"),
-    "tracing": ("order", "generate", "assess", "plan", "aim", "retrace", "settle"),
+    "tracing": ("order", "generate", "trace_camera", "assess", "plan", "aim", "retrace", "settle"),
     "shading": (
         *("importance", "choose", "begin", "first_hits"),
         *("shade", "trace", "shadow", "compact", "finish", "accumulate"),
@@ -59,32 +69,13 @@ STAGES = {
         *("color_sum", "color"),
     ),
 }
-STAGE_OF = {name: stage for stage, names in STAGES.items() for name in names}
-# The kinds of rays that a pass traces; a method with a cache has a pass of its own for the first hits.
-RAYS_OF = {"retrace": ("primary",), "trace": ("secondary",), "shadow": ("shadow",)}
-RAYS_OF_PATHS = {"trace": ("primary", "secondary"), "shadow": ("shadow",)}
-
-
-@dataclass(frozen=True)
-class Configuration:
-    """What is measured. settings: beside the scene's. against: name of the configuration that it is compared with."""
-
-    name: str
-    method: str = "samplecache"
-    settings: dict[str, object] = field(default_factory=dict)
-    against: str | None = None
-
-    @property
-    def rays_of(self) -> dict[str, tuple[str, ...]]:
-        """The kinds of rays of each pass that traces."""
-        return RAYS_OF_PATHS if self.method == "pathtrace" else RAYS_OF
+# The kinds of rays that a pass traces.
+RAYS_OF = {"retrace": "primary", "trace_camera": "primary", "trace": "secondary", "shadow": "shadow"}
 
 
 def cache(name: str, against: str | None = None, **settings: object) -> Configuration:
     """The sample cache with some of its settings."""
-    return Configuration(
-        name, settings={f"samplecache.{key}": value for key, value in settings.items()}, against=against
-    )
+    return Configuration(name, "samplecache", {f"samplecache.{key}": value for key, value in settings.items()}, against)
 
 
 def isrt(factor: int, **settings: object) -> Configuration:
@@ -128,133 +119,21 @@ STATIC = (
 # Sequences
 
 
-def sequence(configurations: Sequence[Configuration], scene: Scene, args: argparse.Namespace) -> dict[str, list[dict]]:
-    """Render all frames by all configurations in turn: what was measured of each frame, by configuration."""
-    first, last = args.frames or scene.defaults.frames
-    if last - first <= args.skip:
-        raise SettingError(f"frames {first}:{last}: expected more than the {args.skip} that --skip leaves out")
-    references = read_references(args.references, range(first, last), args.size or scene.defaults.size)
-    renderers = {c.name: renderer(c, scene, args) for c in configurations}
-    running = {name: r.frames(first, last) for name, r in renderers.items()}
-    tracer = Tracer(scene, args.device)
-    measured: dict[str, list[dict]] = {name: [] for name in running}
-    before: dict[str, View] = {}
-    names = list(running)
-    for turn, number in enumerate(tqdm(range(first, last), unit="frame", disable=None)):
-        depth = None
-        for name in names[turn % len(names) :] + names[: turn % len(names)]:
-            frame = next(running[name])
-            eye, color, camera = frame.stats["eyes"]["mono"], frame.color["mono"], frame.cameras["mono"]
-            depth = center_depth(tracer, camera, color.shape) if depth is None else depth
-            view = View(color, depth, camera)
-            entry = {"frame": number, "seconds": frame.stats["seconds"], "stages": by_stage(eye["passes"]), **eye}
-            if number in references:
-                entry["relmse"] = relmse(color, references[number])
-            if turn >= max(args.skip, 1):
-                entry["difference"] = reprojected_difference(view, before[name]).mean
-            before[name] = view
-            measured[name].append(entry)
-    return measured
+def measured(configurations: Sequence[Configuration], scene: Scene, args: argparse.Namespace) -> dict[str, dict]:
+    """What was found out about each configuration."""
+    numbers = range(*frame_range(scene, args))
+    references = read_references(args.references, numbers, args.size or scene.defaults.size)
+    entries = sequence(configurations, scene, args, references, {"relmse": relmse}, STAGES)
+    return {c.name: summarised(c, entries, args.skip) for c in configurations}
 
 
-def renderer(configuration: Configuration, scene: Scene, args: argparse.Namespace, spp: int = 1) -> Renderer:
-    """A renderer of one eye."""
-    return Renderer(
-        scene,
-        configuration.method,
-        args.size,
-        stereo=False,
-        seed=args.seed,
-        spp=spp,
-        settings=configuration.settings,
-        device=args.device,
-        threads=args.threads,
-    )
-
-
-def read_references(folder: Path | None, numbers: Iterable[int], size: tuple[int, int]) -> dict[int, np.ndarray]:
-    """The references of those frames that have one, by frame. Raises SettingError where a folder has none, or one of
-    another size or of two eyes."""
-    found = {}
-    files = {number: folder / f"frame_{number:04d}.exr" for number in numbers} if folder else {}
-    for number, file in files.items():
-        if file.is_file():
-            picture = read_picture(file)
-            check_size(file, picture.size, size)
-            if len(picture.color) > 1:
-                raise SettingError(f"{file}: has views {', '.join(picture.color)}; expected one, of --mono")
-            (found[number],) = picture.color.values()
-    if files and not found:
-        raise SettingError(f"{folder}: no references; expected files as {min(files.values()).name}, of these frames")
-    return found
-
-
-def check_size(file: Path, size: tuple[int, int], expected: tuple[int, int]) -> None:
-    """Raise SettingError where a file's picture has another size than expected."""
-    if size != expected:
-        (width, height), (w, h) = size, expected
-        raise SettingError(f"{file}: the picture has {width}x{height} pixels; expected {w}x{h}, as the others")
-
-
-def center_depth(tracer: Tracer, camera: Camera, shape: tuple[int, ...]) -> np.ndarray:
-    """Planar depth of the rays through the pixels' centres, (H, W), infinite where there is nothing."""
-    height, width = shape[:2]
-    slope = np.tan(camera.fov_y / 2)
-    x = (2 * (np.arange(width) + 0.5) / width - 1) * slope * width / height
-    y = (1 - 2 * (np.arange(height) + 0.5) / height) * slope
-    rays = np.stack([*np.meshgrid(x, y), np.full((height, width), -1.0)], axis=-1).reshape(-1, 3)
-    origins = np.broadcast_to(camera.transform[:, 3], rays.shape)
-    return tracer.closest_hit(origins, rays @ camera.transform[:, :3].T)["t"].reshape(height, width)
-
-
-def summary(configuration: Configuration, measured: dict[str, list[dict]], skip: int) -> dict:
-    """Of one configuration: medians of times, rays and counters; means of errors and differences; how it compares; and all
-    frames. measured: of all configurations."""
-    entries, against = measured[configuration.name], configuration.against
-    counted = entries[skip:]
-    rays = medians(counted, "rays")
-    return {
-        "method": configuration.method,
-        "settings": configuration.settings,
-        "seconds": median(e["seconds"] for e in counted),
-        "device": median(sum(e["passes"].values()) for e in counted),
-        "stages": medians(counted, "stages"),
-        "passes": medians(counted, "passes"),
-        "rays": rays,
-        "rays of passes": {name: sum(rays[kind] for kind in kinds) for name, kinds in configuration.rays_of.items()},
-        "cache": medians(counted, "cache"),
-        "relmse": mean(e["relmse"] for e in entries if "relmse" in e),
-        "difference": mean(e["difference"] for e in counted if "difference" in e),
-        "against": against,
-        "ratios": compared(entries, measured[against], skip) if against else {},
-        "frames": entries,
-    }
-
-
-def by_stage(passes: Mapping[str, float]) -> dict[str, float]:
-    """Seconds of each stage. passes: seconds by pass. Raises Error for a pass that is in no stage."""
-    totals = dict.fromkeys(STAGES, 0.0)
-    for name, seconds in passes.items():
-        if name not in STAGE_OF:
-            raise Error(f"pass {name}: in no stage; expected one that STAGES in {Path(__file__).name} lists")
-        totals[STAGE_OF[name]] += seconds
-    return totals
-
-
-def median(values: Iterable[float]) -> float:
-    """The value in the middle."""
-    return statistics.median(values)
-
-
-def medians(entries: Sequence[dict], key: str) -> dict[str, float]:
-    """The median of each value of a table that all entries have."""
-    return {name: median(e[key][name] for e in entries) for name in entries[0][key]}
-
-
-def mean(values: Iterable[float]) -> float | None:
-    """The mean; None of nothing."""
-    values = list(values)
-    return statistics.fmean(values) if values else None
+def summarised(configuration: Configuration, entries: dict[str, list[dict]], skip: int) -> dict:
+    """A configuration's summary, with the rays of its passes and how it compares. entries: of all configurations."""
+    own, against = entries[configuration.name], configuration.against
+    found = summary(configuration, own, skip, ("relmse", "difference"))
+    rays = {name: found["rays"][kind] for name, kind in RAYS_OF.items() if name in found["passes"]}
+    ratios = compared(own, entries[against], skip) if against else {}
+    return found | {"rays of passes": rays, "against": against, "ratios": ratios}
 
 
 def compared(own: Sequence[dict], other: Sequence[dict], skip: int) -> dict[str, float]:
@@ -272,13 +151,10 @@ def compared(own: Sequence[dict], other: Sequence[dict], skip: int) -> dict[str,
     return ratios
 
 
-def report(found: dict[str, dict]) -> str:
+def tables(found: dict[str, dict]) -> str:
     """The tables: times by stage, rays and errors; ratios; errors of each frame; times by pass with its rays; counters."""
-    return "\n\n".join(
-        table(*part)
-        for part in (_stages(found), _ratios(found), _errors(found), _passes(found), _counters(found))
-        if part[1]
-    )
+    errors = errors_table(found, "relmse", "relMSE")
+    return report((_stages(found), _ratios(found), errors, _passes(found), counters_table(found)))
 
 
 def _stages(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
@@ -286,7 +162,7 @@ def _stages(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
     rows = [
         [name, ms(s["seconds"]), ms(s["device"]), *map(ms, s["stages"].values())]
         + [f"{s['rays'][kind] / 1e3:.1f}" for kind in kinds]
-        + ["-" if s[key] is None else f"{s[key]:.4e}" for key in ("relmse", "difference")]
+        + [number(s[key]) for key in ("relmse", "difference")]
         for name, s in found.items()
     ]
     return ["", "frame ms", "device ms", *STAGES, *(f"{kind} k" for kind in kinds), "relMSE", "difference"], rows
@@ -302,12 +178,6 @@ def _ratios(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
     return ["", *names], rows
 
 
-def _errors(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
-    frames = zip(*(s["frames"] for s in found.values()), strict=True)
-    rows = [[str(row[0]["frame"]), *(f"{e['relmse']:.4e}" for e in row)] for row in frames if "relmse" in row[0]]
-    return ["relMSE of frame", *found], rows
-
-
 def _passes(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
     rows = []
     for step in dict.fromkeys(name for s in found.values() for name in s["passes"]):
@@ -316,29 +186,8 @@ def _passes(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
             seconds, rays = s["passes"].get(step), s["rays of passes"].get(step)
             cells.append("" if seconds is None else ms(seconds))
             cells.append("" if seconds is None or rays is None else f"{rays / 1e3:.1f}")
-        rows.append([step, STAGE_OF[step], *cells])
+        rows.append([step, next(stage for stage, names in STAGES.items() if step in names), *cells])
     return ["pass", "stage", *(text for name in found for text in (f"{name} ms", "k rays"))], rows
-
-
-def _counters(found: dict[str, dict]) -> tuple[list[str], list[list[str]]]:
-    counters = dict.fromkeys(name for s in found.values() for name in s["cache"])
-    rows = [[name, *(f"{s['cache'][c]:.0f}" for c in counters)] for name, s in found.items() if s["cache"]]
-    return ["samples", *counters], rows
-
-
-def ms(seconds: float) -> str:
-    """Milliseconds, in words."""
-    return f"{1e3 * seconds:.2f}"
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Rows in columns: the first flush left, the others right."""
-    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
-    lines = []
-    for row in (heads, *rows):
-        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
-        lines.append("  ".join([row[0].ljust(widths[0]), *cells[1:]]).rstrip())
-    return "\n".join(lines)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -407,68 +256,14 @@ def kept_reference(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
 # ---------------------------------------------------------------------------------------------------------------------
 
 
-def size(text: str) -> tuple[int, int]:
-    """Width and height, of WxH."""
-    match = re.fullmatch(r"([0-9]{1,10})x([0-9]{1,10})", text)
-    found = (int(match[1]), int(match[2])) if match else (0, 0)
-    if min(found) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected WxH in pixels, such as 640x360")
-    return found
-
-
-def frames(text: str) -> tuple[int, int]:
-    """The first frame and the one behind the last, of A:B."""
-    match = re.fullmatch(r"([0-9]{1,10}):([0-9]{1,10})", text)
-    found = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not found[0] < found[1] <= MAX_FRAME:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected A:B with 0 <= A < B <= {MAX_FRAME}; B is not rendered")
-    return found
-
-
-def whole(least: int) -> Callable[[str], int]:
-    """A parser of whole numbers from this one on."""
-
-    def parse(text: str) -> int:
-        if not re.fullmatch(r"[0-9]{1,9}", text) or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number from {least} on")
-        return int(text)
-
-    return parse
-
-
-def exit_code(tool: str, work: Callable[[], None]) -> int:
-    """Do the work. The exit code, as of `clcache`; what went wrong is a line on stderr."""
-    try:
-        work()
-    except (SceneError, SettingError) as error:
-        say(f"{tool}: error: {error}")
-        return 2
-    except Error as error:
-        say(f"{tool}: error: {error}")
-        return 1
-    except MemoryError as error:
-        say(f"{tool}: error: out of memory: {error}")
-        return 1
-    return 0
-
-
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """The command line. Raises SettingError."""
     own = {"prog": Path(__file__).name, "formatter_class": argparse.RawDescriptionHelpFormatter}
     parser, common = Parser(description=__doc__, **own), Parser(add_help=False)
-    add = common.add_argument
-    add("--scene", metavar="FILE", help="scene (default: data/atrium, of static data/cornell)")
-    add("--references", metavar="DIR", type=Path, help="folder of references (default: none, and no errors)")
-    add("--size", metavar="WxH", type=size, help="default: the scene's")
-    add("--seed", metavar="N", type=int, default=1)
-    add("--device", metavar="SPEC", help="index, or part of the platform's or device's name")
-    add("--threads", metavar="N", type=int, help="CPU threads of the device (default: all)")
-    add("--json", metavar="FILE", type=Path, help="also write all that was measured, frame by frame")
+    add_common(common, "data/atrium, of static data/cornell")
     experiments = parser.add_subparsers(dest="experiment", required=True)
     for name in EXPERIMENTS:
-        add = experiments.add_parser(name, parents=[common]).add_argument
-        add("--frames", metavar="A:B", type=frames, help="default: the scene's")
-        add("--skip", metavar="N", type=whole(0), default=8, help="frames that do not count (default: %(default)s)")
+        add_frames(experiments.add_parser(name, parents=[common]), skip=8)
     add = experiments.add_parser("static", parents=[common]).add_argument
     add("--reference-spp", metavar="N", type=whole(1), default=4096, help="of the reference (default: %(default)s)")
     return parser.parse_args(arguments)
@@ -482,14 +277,10 @@ def measure(arguments: Sequence[str] | None) -> None:
     if args.experiment == "static":
         text, found = static(scene, args)
     else:
-        configurations = EXPERIMENTS[args.experiment]
-        measured = sequence(configurations, scene, args)
-        found = {c.name: summary(c, measured, args.skip) for c in configurations}
-        text = report(found)
+        found = measured(EXPERIMENTS[args.experiment], scene, args)
+        text = tables(found)
     print(text)
-    if args.json:
-        with atomic_path(args.json) as part:
-            part.write_text(json.dumps({"experiment": args.experiment, "scene": scene.file, "found": found}, indent=1))
+    write_json(args.json, args.experiment, scene, found)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

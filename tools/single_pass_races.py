@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from samplecache_tables import exit_code, size, whole
+from measuring import exit_code, size, whole
 
 from clcache import SettingError
 from clcache.bench.job import DATA

@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from samplecache_tables import center_depth, check_size, exit_code, frames, table
+from measuring import EYES, ROOT, add_machine, center_depth, check_size, exit_code, frames, table
 from stereo_oracle import Eye, blend
 from tqdm import tqdm
 
@@ -34,8 +34,6 @@ from clcache.renderer import Frame
 from clcache.scene.model import Camera
 from clcache.settings import SETTINGS
 
-ROOT = Path(__file__).resolve().parent.parent
-EYES = ("left", "right")
 NAME = re.compile(r"frame_(\d+)\.exr")
 Pair = dict[str, np.ndarray]  # a picture of each eye
 
@@ -159,9 +157,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--alpha", metavar="A", type=alpha, default=0.1, help="samplecache.alpha (default: %(default)s, as section 5.2)"
     )
     add("--weight", metavar="W", type=weight, default=0.5, help="the constant weight of the other eye (default: 0.5)")
-    add("--seed", metavar="N", type=int, default=1)
-    add("--device", metavar="SPEC", help="index, or part of the platform's or device's name")
-    add("--threads", metavar="N", type=int, help="CPU threads of the device (default: all)")
+    add_machine(parser)
     return parser.parse_args(arguments)
 
 

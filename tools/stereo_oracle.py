@@ -127,7 +127,7 @@ def _slope(near: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
         if near.shape[axis] > 1:
             steps = np.diff(near, axis=axis)
             pad = [(1, 1) if a == axis else (0, 0) for a in (0, 1)]
-            steps = np.pad(steps, pad, mode="edge")  # of pixel i, from before it is steps[i], to after it steps[i + 1]
+            steps = np.pad(steps, pad)  # of pixel i, from before it is steps[i], to after it steps[i + 1]
             before, after = steps[row, column], steps[(row + 1, column) if axis == 0 else (row, column + 1)]
             total += np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
     return total

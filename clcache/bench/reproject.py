@@ -39,7 +39,7 @@ SLOTS, PER_PIXEL = 12, 4  # the method's usual slots, and samples for each pixel
 _SEEN = 0.9  # the part of the samples that are visible
 _COMMON = 2  # passes that all variants have: the list, the projection
 _STEP = 1.5  # pixels that the camera's step moves what is at the median distance
-_FIXED_ONE = 0xFFFFFF  # of barycentric coordinates in cl/samplecache/first_hit.cl
+_FIXED_ONE = 0xFFFFFF  # of barycentric coordinates in cl/scene/first_hit.cl
 
 
 @dataclass(frozen=True)

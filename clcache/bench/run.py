@@ -17,12 +17,14 @@ from ..probe import gist
 from .bandwidth import FAMILY as BANDWIDTH
 from .bandwidth import bandwidth
 from .build import build, sort
+from .cached import hybrid, samplecache, voxelhash
+from .filters import filters
 from .job import Job
 from .pathtrace import pathtrace
 from .rays import rays
 from .reproject import reproject
 from .result import Result
-from .samplecache import samplecache
+from .table import table
 
 ANSWER = "bench: "  # begins the lines that count: drivers may print, too
 
@@ -42,6 +44,10 @@ FAMILIES = {
     "sort": Family("each kernel of the radix sort by which trees are built", sort),
     "pathtrace": Family("each pass of a path-traced frame", pathtrace),
     "samplecache": Family("each pass of a frame by the sample cache, beside a path-traced frame", samplecache),
+    "voxelhash": Family("each pass of a frame by voxels in a hash table, beside a path-traced frame", voxelhash),
+    "hybrid": Family("each pass of a frame by voxels at cached first hits, beside a path-traced frame", hybrid),
+    "table": Family("lookups that hit, lookups that miss, and insertions, in hash tables of several loads", table),
+    "filters": Family("each pass of the temporal and stereo filters of images", filters),
     "reproject": Family("the passes of a sample cache's forward reprojection, in its three variants", reproject),
 }
 

@@ -13,7 +13,7 @@ from .terminal import printable, say
 if TYPE_CHECKING:
     from ..metrics import Comparison, Row
 
-MEAN = "mean"
+MEAN, SEQUENCE = "mean", "sequence"  # of the pictures' values, and of all pictures together
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -21,10 +21,12 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "compare",
         help="compare a picture, or a folder of frames, with its reference",
-        description="Compare two pictures (EXR, Radiance HDR, PNG) or two folders of them, matched by file name. relmse and rmse"
-        " are of linear radiance; psnr, ssim, ms-ssim, flip and cpbd of what a display shows (the tone curve and encoding of"
-        " clcache's PNG files; PNG files as they are). cpbd is the sharpness of a picture by itself: -ref is the reference's. A NaN or"
-        " infinite pixel is an error.",
+        description="Compare two pictures (EXR, Radiance HDR, PNG) or two folders of them, matched by file name. relmse (the"
+        " relative squared error, RSE) and rmse are of linear radiance, ssim-linear of linear radiance clipped to 0 .. 1; psnr, ssim,"
+        " ms-ssim, flip and cpbd of what a display shows (the tone curve and encoding of clcache's PNG files; PNG files as they"
+        " are). cpbd is the sharpness of a picture by itself: -ref is the reference's. Of a folder there are, too, the mean of the"
+        " pictures' values, and the values of the sequence, which differ from the mean for rmse alone: it is taken over all pixels."
+        " A NaN or infinite pixel is an error.",
     )
     add = parser.add_argument
     add("test", metavar="TEST", type=Path, help="a picture or a folder")
@@ -33,7 +35,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "--metrics",
         metavar="NAME,...",
         type=_names,
-        help="of relmse, rmse, psnr, ssim, ms-ssim, flip, cpbd (default: all that are installed and that the size allows)",
+        help="of relmse, rmse, psnr, ssim, ssim-linear, ms-ssim, flip, cpbd (default: all that are installed and that the size allows)",
     )
     add(
         "--temporal",
@@ -63,7 +65,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare as the arguments say. Returns 0, or 1 where a limit is exceeded. Raises SettingError, Error."""
-    from ..metrics import Comparison
+    from ..metrics import Comparison, means, summarize
     from ..output.files import check_target
 
     to_stdout = args.json == "-"
@@ -82,11 +84,14 @@ def run(args: argparse.Namespace) -> int:
         rows.append((row.file, row.view, row.values))
         if table:
             table.line(row.file, row.view, row.values)
-    means = _means(comparison.columns, rows)
-    if table:
-        table.line(MEAN, "", means)
+    summaries = {}
+    if args.test.is_dir():
+        found = [values for _, _, values in rows]
+        summaries = {MEAN: means(comparison.columns, found), SEQUENCE: summarize(comparison.columns, found)}
+    for name, values in summaries.items() if table else ():
+        table.line(name, "", values)
     if args.json:
-        _write_json(args, rows, means)
+        _write_json(args, rows, summaries)
     return 1 if _over(args.limits, rows) else 0
 
 
@@ -95,7 +100,7 @@ class Table:
 
     def __init__(self, comparison: "Comparison") -> None:
         self._columns = comparison.columns
-        self._width = max(len(printable(name)) for name in (*comparison.files, MEAN))
+        self._width = max(len(printable(name)) for name in (*comparison.files, MEAN, SEQUENCE))
         self._headed = False
 
     def line(self, file: str, view: str, values: dict[str, float]) -> None:
@@ -123,13 +128,8 @@ def _mapped(comparison: "Comparison", folder: Path | None) -> Iterator["Row"]:
         yield row
 
 
-def _means(columns: list[str], rows: list[tuple[str, str, dict[str, float]]]) -> dict[str, float]:
-    found = {name: [values[name] for _, _, values in rows if name in values] for name in columns}
-    return {name: sum(values) / len(values) for name, values in found.items() if values}
-
-
 def _write_json(
-    args: argparse.Namespace, rows: list[tuple[str, str, dict[str, float]]], means: dict[str, float]
+    args: argparse.Namespace, rows: list[tuple[str, str, dict[str, float]]], summaries: dict[str, dict[str, float]]
 ) -> None:
     from ..output.files import atomic_path
 
@@ -137,7 +137,7 @@ def _write_json(
         "test": str(args.test),
         "reference": str(args.reference),
         "rows": [{"file": file, "view": view, **_finite(values)} for file, view, values in rows],
-        "mean": _finite(means),
+        **{name: _finite(values) for name, values in summaries.items()},
     }
     text = json.dumps(result, indent=1, allow_nan=False)
     if args.json == "-":

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from .. import settings
 from ..output.aov import AOVS, DEFAULT_AOVS
+from .resume import SAVE_EVERY, StateKeeper, finishing_frames, picture_files, stem, where_to_begin
 from .terminal import Progress, printable, ray_count, say
 
 if TYPE_CHECKING:
@@ -40,6 +41,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     eyes = parser.add_mutually_exclusive_group()
     eyes.add_argument("--stereo", action="store_true", default=None, help="two eyes (default: as the scene says)")
     eyes.add_argument("--mono", dest="stereo", action="store_false", default=None, help="one eye")
+    add(
+        "--temporal",
+        metavar="T",
+        choices=settings.TEMPORALS,
+        help="how a frame is joined with those before it, of"
+        f" {', '.join(settings.TEMPORALS)} (default: {_default_temporals()})",
+    )
     add(
         "--stereo-blend",
         metavar="B",
@@ -85,8 +93,33 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     add("--png", action="store_true", help="also write frame_0000.png, or frame_0000_left.png and frame_0000_right.png")
     add("--device", metavar="SPEC", help="OpenCL device: its index, or part of the platform's or the device's name")
     add("--threads", metavar="N", type=_whole(1), help="CPU threads of the device (default: all)")
-    add("--stats", metavar="FILE.json", type=Path, help="write statistics of the finished render to this file")
+    add(
+        "--resume",
+        action="store_true",
+        help="go on after the last complete frame in DIR, with the caches as they were then: from DIR/state.npz, which a render"
+        f" that has caches or a temporal filter leaves where it is interrupted, and writes every {SAVE_EVERY} s",
+    )
+    add(
+        "--save-state", action="store_true", help="leave DIR/state.npz also at the end, to go on with more frames later"
+    )
+    add(
+        "--warm-start",
+        metavar="FILE_OR_DIR",
+        type=Path,
+        help="begin with what the state of another render of the same scene knows of the world (voxelhash, hybrid)",
+    )
+    add(
+        "--stats",
+        metavar="FILE.json",
+        type=Path,
+        help="write statistics of the finished render to this file; of a resumed one, those of the frames from there on, if there are any",
+    )
     add("--allow-outside", action="store_true", help="let the scene name files outside its folder")
+
+
+def _default_temporals() -> str:
+    others = [f"{name} of {method}" for method, name in settings.DEFAULT_TEMPORALS.items()]
+    return ", ".join([*others, "else none"])
 
 
 def run(args: argparse.Namespace) -> int:
@@ -102,23 +135,37 @@ def run(args: argparse.Namespace) -> int:
     first, end = args.frames or scene.defaults.frames
     if args.stats:
         check_target(args.stats)
-    check_target(_stem(folder, first).with_suffix(".exr"))
+    check_target(stem(folder, first).with_suffix(".exr"))
 
     finished: list[dict] = []
     with Progress() as progress:
+        renderer = _renderer(args, scene, progress)
+        attributes = provenance(scene, renderer.stats())
+        state = StateKeeper(renderer, folder)
+        begin = where_to_begin(renderer, args, folder, (first, end), attributes)
+        if begin == end:
+            unwritten = f"; {args.stats} is not written" if args.stats else ""
+            print(printable(f"{folder}: all {end - first} frames are there{unwritten}"))
+            return 0
+        width, height = renderer.size
+        samples = width * height * renderer.spp * len(renderer.eyes)
+        progress.start(end - begin, samples if args.until_relmse is None else None)
         try:
-            renderer = _renderer(args, scene, progress)
-            attributes = provenance(scene, renderer.stats())
-            width, height = renderer.size
-            samples = width * height * renderer.spp * len(renderer.eyes)
-            progress.start(end - first, samples if args.until_relmse is None else None)
-            for frame in renderer.frames(first, end, progress=progress.part_of_frame):
-                _write(frame, folder, args, attributes)
-                finished.append(frame.stats)
-                progress.frame_done(frame)
+            with finishing_frames(renderer.has_state) as interrupt:
+                for frame in renderer.frames(begin, end, progress=progress.part_of_frame):
+                    _write(frame, folder, args, attributes)
+                    finished.append(frame.stats)
+                    progress.frame_done(frame)
+                    if frame.number + 1 < end:  # after the last frame there is nothing left to interrupt
+                        interrupt.check()
+                        state.frame_done()
         except KeyboardInterrupt:
-            say(f"clcache: interrupted; {folder} has {len(finished)} of {end - first} frames, each complete")
+            goes_on = state.interrupted()
+            done = begin - first + len(finished)
+            how = "goes on" if goes_on else "begins anew, there being no state to go on from"
+            say(f"clcache: interrupted; {folder} has {done} of {end - first} frames, each complete; --resume {how}")
             return 130
+    state.end(args.resume or args.save_state)
     stats = renderer.stats()
     stats["seconds"] = {"load": load_seconds, **stats["seconds"]}
     if args.stats:
@@ -156,6 +203,7 @@ def _renderer(args: argparse.Namespace, scene: "Scene", progress: Progress) -> "
         threads=args.threads,
         aovs=args.aov,
         until_relmse=args.until_relmse,
+        temporal=args.temporal,
         stereo_blend=args.stereo_blend,
         on_compile=progress.compiling,
     )
@@ -165,12 +213,11 @@ def _write(frame: "Frame", folder: Path, args: argparse.Namespace, attributes: d
     from ..output.exr import sample_counts, write_exr
     from ..output.png import write_png
 
-    stem = _stem(folder, frame.number)
     spp = sample_counts({eye: stats["spp"] for eye, stats in frame.stats["eyes"].items()})
-    write_exr(stem.with_suffix(".exr"), frame, args.aov, attributes | spp)
-    for eye, color in frame.color.items() if args.png else ():
-        name = stem.name if len(frame.color) == 1 else f"{stem.name}_{eye}"
-        write_png(folder / f"{name}.png", color)
+    write_exr(stem(folder, frame.number).with_suffix(".exr"), frame, args.aov, attributes | spp)
+    files = picture_files(folder, frame.number, tuple(frame.color)) if args.png else {}
+    for eye, file in files.items():
+        write_png(file, frame.color[eye])
 
 
 def default_folder(scene_file: str) -> Path:
@@ -205,10 +252,6 @@ def _say_what_missed(goal: float, frames: list[dict]) -> None:
         say(
             f"note: {missed} of {len(errors)} pictures have all samples that --spp allows and an estimated relMSE above {goal:g}"
         )
-
-
-def _stem(folder: Path, number: int) -> Path:
-    return folder / f"frame_{number:04d}"
 
 
 def _whole(least: int) -> Callable[[str], int]:

@@ -3,7 +3,14 @@
 from .method import Method, MethodSetup, PathState
 from .pathtrace import pathtrace
 from .samplecache import isrt, samplecache
+from .voxelhash import hybrid, voxelhash
 
-METHODS = {"pathtrace": pathtrace, "samplecache": samplecache, "isrt": isrt}
+METHODS = {
+    "pathtrace": pathtrace,
+    "samplecache": samplecache,
+    "isrt": isrt,
+    "voxelhash": voxelhash,
+    "hybrid": hybrid,
+}
 
 __all__ = ["METHODS", "Method", "MethodSetup", "PathState"]

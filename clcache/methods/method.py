@@ -27,7 +27,8 @@ class Method:
     """Passes and the buffers that they may use. `color`, `ray_counts` and `aov_<name>` are what a frame is read from.
 
     exchanged: pairs of buffers that change places before each run of an eye. cache: names of the buffers that are the
-    method's cache. counters: what the elements of the buffer `counters` count, in order; levels: those that
+    method's cache. world: names of persistent buffers, which the eyes share, that depend on the scene alone, and not on where
+    it is seen from: another sequence can begin with them. counters: what the elements of the buffer `counters` count, in order; levels: those that
     say what there is after an update, and not what it did. primary: those counters whose sum
     is the number of primary rays; where there are none, it is a ray for each sample of each pixel. blend: where the setup asks
     for one, passes that join what the eyes know, run for each eye after all eyes' own passes. They read this eye's per-eye buffers by their names and
@@ -39,6 +40,7 @@ class Method:
     buffers: tuple[Buffer, ...]
     exchanged: tuple[tuple[str, str], ...] = ()
     cache: tuple[str, ...] = ()
+    world: tuple[str, ...] = ()
     counters: tuple[str, ...] = ()
     levels: tuple[str, ...] = ()
     primary: tuple[str, ...] = ()
@@ -50,8 +52,9 @@ class Method:
 class PathState:
     """What the passes of one eye's frame are told. camera: Camera record. key: of the frame's random numbers. samples: for
     each pixel, of which those before `begin` are there already; sample: the current one. update: how many times the
-    passes have run for this eye before. batch: the current one of those that a list is worked off in. other: the other
-    eye's Camera record, for the passes of a stereo blend.
+    passes have run for this eye before. batch: the current one of those that a list is worked off in. eye: 0, of a stereo
+    pair's right eye 1. camera_before: this eye's Camera record of the frame before; None where that was not rendered right
+    before, and so there is no history. other: the other eye's Camera record, for the passes of a stereo blend.
 
     Of a method with a cache, whose images have the samples of many frames, `key` is the same in all of them and `sample`
     the update, so that a pixel's random sequence goes on; `samples` is what one update brings, 1.
@@ -64,6 +67,8 @@ class PathState:
     sample: int = 0
     update: int = 0
     batch: int = 0
+    eye: int = 0
+    camera_before: np.void | None = None
     other: np.void | None = None
 
     @property

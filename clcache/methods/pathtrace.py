@@ -16,6 +16,7 @@ from ..passes.film import (
     Mean,
     MeanDirection,
     NearestDepth,
+    NearestHit,
     SampleCount,
     Variance,
     film_buffers,
@@ -34,6 +35,7 @@ def pathtrace(setup: MethodSetup) -> Method:
         Generate(device, setup.scene, sobol),
         TraceCamera(setup.scene),
         NearestDepth(device),
+        NearestHit(device, setup.scene),
         FirstHits(device, setup.scene, sobol),
         *vertices(setup),
         AddRadiance(device),
@@ -43,6 +45,7 @@ def pathtrace(setup: MethodSetup) -> Method:
         OrderPixels(device, setup.scene, setup.size, sobol),
         *(Clear(b) for b in ("ray_counts", "color_sum", "color_lost", "square_sum", "albedo_sum", "N_sum")),
         Clear("aov_Z", inf),
+        Clear("nearest", inf),
         Repeat("samples", sample, count=lambda s, _: s.samples - s.begin, advance=_at_sample),
         Mean(device, "color_sum", "color"),
         Variance(device),
@@ -57,8 +60,9 @@ def _at_sample(state: PathState, index: int) -> PathState:
     return replace(state, sample=state.begin + index)
 
 
-def vertices(setup: MethodSetup, stream: str = "pixel") -> list[Pass]:
-    """From first hits to the radiance of the paths that go on from there. stream: as of `Shade`."""
+def vertices(setup: MethodSetup, stream: str = "pixel", own_light: bool = True) -> list[Pass]:
+    """From first hits to the radiance of the paths that go on from there. stream: as of `Shade`. own_light: whether the first
+    hits' own counts."""
     device, scene, settings = setup.device, setup.scene, setup.settings
     sobol = settings["pathtrace.sampler"] == "sobol"
     last = settings["pathtrace.bounces"]
@@ -68,7 +72,8 @@ def vertices(setup: MethodSetup, stream: str = "pixel") -> list[Pass]:
         if vertex > 0:
             passes += [Trace(scene)]
         is_last = vertex == last and not gathers_hits
-        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol, stream)]
+        counts = own_light or vertex > 0
+        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol, stream, counts)]
         if is_lit:
             passes += [Shadow(scene)]
         passes += [Compact(device, scene)]

@@ -17,9 +17,12 @@ from ..passes.radiance import IMPORTANCE, Accumulate, BeginPaths, Choose, CountI
 from ..passes.reconstruct import (
     Average,
     AverageCache,
+    ClearSurface,
     Describe,
+    Distance,
     FillAovs,
     FindMoments,
+    KeepNearest,
     ListVisible,
     Resolve,
     reconstruct_buffers,
@@ -60,7 +63,7 @@ def _method(setup: MethodSetup, slots: int, superresolution: int | None) -> Meth
     device, scene, size, settings = setup.device, setup.scene, setup.size, setup.settings
     pixels, paths = size[0] * size[1], path_count(size)
     rays, groups = max(paths, GROUP * slots), -(-paths // GROUP)
-    _check(setup, pixels, slots)
+    check_size(setup, pixels, slots)
     variant, shading = settings["samplecache.reprojection"], settings["samplecache.shading"]
     is_blended, is_adaptive = setup.stereo_blend == "samples", shading == "adaptive"
     cache = cache_defines(slots, True, superresolution)
@@ -73,15 +76,15 @@ def _method(setup: MethodSetup, slots: int, superresolution: int | None) -> Meth
         OrderPixels(device, scene, size, False),
         Clear("ray_counts"),
         *reproject_passes(device, scene, size, slots, variant, True, superresolution),
-        *_tracing(setup, cache),
+        *trace_samples(setup, cache),
         *([CountImportance(device, cache)] if is_adaptive else []),
         Choose(device, cache, shading, settings["samplecache.shading_rate"]),
         *_shading(setup),
-        *_reconstruction(setup, image),
+        *_reconstruct(setup, image),
     )
     capacity = list_capacity(pixels, slots)
     buffers = (
-        *_rays(rays, paths),
+        *rays_for(rays, paths),
         *path_buffers(rays),
         *cache_buffers(pixels, slots),
         *reproject_buffers(pixels, slots, variant, superresolution),
@@ -103,7 +106,8 @@ def _method(setup: MethodSetup, slots: int, superresolution: int | None) -> Meth
     )
 
 
-def _tracing(setup: MethodSetup, defines: Mapping) -> list[Pass]:
+def trace_samples(setup: MethodSetup, defines: Mapping) -> list[Pass]:
+    """Which samples of a cache are visible, and new ones. defines: of the cache."""
     device, scene, settings = setup.device, setup.scene, setup.settings
     target, tolerance = settings["samplecache.target"], settings["samplecache.tolerance"]
     least, most = min(target - tolerance, defines["SLOTS"]), target + tolerance
@@ -113,7 +117,7 @@ def _tracing(setup: MethodSetup, defines: Mapping) -> list[Pass]:
         Assess(device, defines, tracing, (least, most)),
         ListTraced(device, defines, tracing),
         Repeat(
-            "visibility", batch, count=lambda _, arrays: batches(arrays, 0), advance=_at_batch, count_reads=("listed",)
+            "visibility", batch, count=lambda _, arrays: batches(arrays, 0), advance=at_batch, count_reads=("listed",)
         ),
     ]
 
@@ -127,29 +131,33 @@ def _shading(setup: MethodSetup) -> list[Pass]:
         Accumulate(device, scene, demodulate, settings["samplecache.alpha"]),
     ]
     return [
-        Repeat("shading", batch, count=lambda _, arrays: batches(arrays, 1), advance=_at_batch, count_reads=("listed",))
+        Repeat("shading", batch, count=lambda _, arrays: batches(arrays, 1), advance=at_batch, count_reads=("listed",))
     ]
 
 
-def _reconstruction(setup: MethodSetup, defines: Mapping) -> list[Pass]:
+def _reconstruct(setup: MethodSetup, defines: Mapping) -> list[Pass]:
     common = setup.device, setup.scene, defines
     mean = [] if defines["DEMODULATE"] else [AverageCache(*common)]
-    passes = (Resolve, *((Average,) if defines["DEMODULATE"] else ()), FindMoments, Describe, FillAovs)
+    average = (Average,) if defines["DEMODULATE"] else ()
+    passes = (Resolve, *average, FindMoments, Distance, KeepNearest, Describe, FillAovs)
     batch = [p(*common) for p in passes]
     count = {"count": lambda _, arrays: batches(seen(arrays), 0), "count_reads": ("seen_listed",)}
-    return [*mean, ListVisible(*common), Repeat("reconstruction", batch, advance=_at_batch, **count)]
+    listed = ListVisible(*common), ClearSurface(*common)
+    return [*mean, *listed, Repeat("reconstruction", batch, advance=at_batch, **count)]
 
 
-def _at_batch(state: PathState, index: int) -> PathState:
+def at_batch(state: PathState, index: int) -> PathState:
+    """The state for one of the batches that a list is worked off in."""
     return replace(state, batch=index)
 
 
-def _rays(rays: int, paths: int) -> list[Buffer]:
+def rays_for(rays: int, paths: int) -> list[Buffer]:
     """The path tracer's, for so many rays; `pixel` has the paths of the image alone."""
     return [replace(b, shape=(paths,)) if b.name == "pixel" else b for b in ray_buffers(rays)]
 
 
-def _check(setup: MethodSetup, pixels: int, slots: int) -> None:
+def check_size(setup: MethodSetup, pixels: int, slots: int) -> None:
+    """Raise SettingError where there are more samples or materials than there are bits for, or the device cannot."""
     if pixels * slots > MAX_SAMPLES:
         raise SettingError(
             f"{pixels} pixels of {slots} slots: expected a size and slots of at most {MAX_SAMPLES} samples"

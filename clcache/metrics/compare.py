@@ -2,9 +2,10 @@
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 
@@ -108,6 +109,24 @@ class Comparison:
         if self._stereo and view == EYES[0]:
             _reproject(values, maps, "stereo", [tuple((picture, eye) for eye in EYES) for picture in pair])
         return Row(os.path.basename(pair[0].file), view, values, maps)
+
+
+def means(columns: Sequence[str], rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """The means of the pictures' values, by column. A value that no picture has is missing."""
+    return {name: fmean(values) for name, values in _found(columns, rows).items()}
+
+
+def summarize(columns: Sequence[str], rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """The values of a sequence, by column, from those of its pictures: of `rmse` that over all pixels, which is the root of the
+    mean of the pictures' squares; of all others their mean. A value that no picture has is missing. Both eyes are of the
+    sequence; pictures are taken to be of one size."""
+    together = {name: METRICS[name].of_sequence for name in columns if name in METRICS}
+    return {name: together.get(name, fmean)(values) for name, values in _found(columns, rows).items()}
+
+
+def _found(columns: Sequence[str], rows: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
+    found = {name: [values[name] for values in rows if name in values] for name in columns}
+    return {name: values for name, values in found.items() if values}
 
 
 def _columns(name: str, of_one: bool) -> list[str]:

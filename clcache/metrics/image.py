@@ -2,8 +2,9 @@
 
 import importlib.util
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from types import ModuleType
 
 import numpy as np
@@ -30,7 +31,7 @@ def relmse(test: np.ndarray, reference: np.ndarray) -> float:
 
     test, reference: (H, W, 3), finite. Returns 0 for equal pictures, without bound. Source: the relative squared error
     (RSE) that Philippi et al. (2025), section 5, plot without a formula; this is its usual one (Rousselle et al.,
-    "Adaptive Sampling and Reconstruction using Greedy Error Minimization", 2011). Raises SettingError where shapes differ or a
+    "Adaptive Sampling and Reconstruction using Greedy Error Minimization", 2011). So RSE has no name of its own here. Raises SettingError where shapes differ or a
     pixel is not finite.
     """
     return float(relative_error(test, reference).mean())
@@ -49,6 +50,11 @@ def rmse(test: np.ndarray, reference: np.ndarray) -> float:
     """
     test, reference = _pair(test, reference)
     return math.sqrt(np.mean((test - reference) ** 2))
+
+
+def rmse_of_sequence(values: Sequence[float]) -> float:
+    """RMSE over all pixels of pictures of one size, from that of each: the root of the mean of their squares."""
+    return math.sqrt(fmean(value**2 for value in values))
 
 
 def psnr(test: np.ndarray, reference: np.ndarray, *, encoded: bool = False) -> float:
@@ -83,6 +89,18 @@ def ssim(test: np.ndarray, reference: np.ndarray, *, encoded: bool = False) -> f
         K2=K2,
     )
     return float(similarity)
+
+
+def ssim_linear(test: np.ndarray, reference: np.ndarray) -> float:
+    """The structural similarity of `ssim` on linear radiance clipped to [0, 1], as Philippi et al. (2023), section 5, measure it.
+
+    They say that image quality is measured in linear RGB, which without a range of values is no SSIM; clipped to the range
+    that a display has, it is. test, reference: (H, W, 3) radiance. Raises SettingError where shapes differ or a pixel is
+    not finite, and for pictures of less than 11 pixels a side.
+    """
+    test, reference = (np.clip(picture, 0.0, 1.0) for picture in _pair(test, reference))
+    _check_side(test, "ssim-linear")
+    return ssim(test, reference, encoded=True)
 
 
 def ms_ssim(test: np.ndarray, reference: np.ndarray, *, encoded: bool = False) -> float:
@@ -149,7 +167,8 @@ class Metric:
 
     name: as users write it. function: called with test and reference, and with `encoded` where `on_display`. least_side:
     pixels that each side must have. module, distribution: of the optional package that it needs. of_one: it judges one
-    picture, so that the reference has a value too.
+    picture, so that the reference has a value too. of_sequence: from the values of pictures of one size, that of all their pixels
+    together, or their mean, where the metric is of whole pictures.
     """
 
     name: str
@@ -160,6 +179,7 @@ class Metric:
     module: str | None = None
     distribution: str | None = None
     of_one: bool = False
+    of_sequence: Callable[[Sequence[float]], float] = fmean
 
     @property
     def installed(self) -> bool:
@@ -171,9 +191,10 @@ METRICS: dict[str, Metric] = {
     metric.name: metric
     for metric in (
         Metric("relmse", relmse, on_display=False, lower_is_better=True),
-        Metric("rmse", rmse, on_display=False, lower_is_better=True),
+        Metric("rmse", rmse, on_display=False, lower_is_better=True, of_sequence=rmse_of_sequence),
         Metric("psnr", psnr, on_display=True, lower_is_better=False),
         Metric("ssim", ssim, on_display=True, lower_is_better=False, least_side=WINDOW),
+        Metric("ssim-linear", ssim_linear, on_display=False, lower_is_better=False, least_side=WINDOW),
         # Of sides that are halved and rounded up four times, the least that still hold a window.
         Metric("ms-ssim", ms_ssim, on_display=True, lower_is_better=False, least_side=(WINDOW - 1) * 2**4 + 1),
         Metric(

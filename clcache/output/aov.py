@@ -35,8 +35,30 @@ AOVS: dict[str, Aov] = {
         Aov("samples", ("samples",), "samples that the pixel's colour is the mean of", default=False),
         Aov("occupancy", ("occupancy",), "cached samples in the pixel's slots", default=False),
         Aov("visible", ("visible",), "those of them that are visible", default=False),
-        Aov("age", ("age",), "mean age of the visible samples, in frames", default=False),
+        Aov(
+            "age",
+            ("age",),
+            "updates (of --spp 1, frames): mean age of the visible samples; of voxelhash, since the voxel's last access before this update,"
+            " infinite where it is new",
+            default=False,
+        ),
         Aov("trace", ("trace",), "part of the pixel's samples that were traced in this frame, 0 to 1", default=False),
+        Aov("voxel", ("voxel.R", "voxel.G", "voxel.B"), "a colour of its own for each voxel", default=False),
+        Aov(
+            "level",
+            ("level",),
+            "level of the voxel, whose edges are 2^level metres; infinite where there is none",
+            default=False,
+        ),
+        Aov("count", ("count",), "radiance samples that the voxel's light is the mean of", default=False),
+        Aov("alpha", ("alpha",), "weight of the new frame in the temporal filter, 0 to 1", default=False),
+        Aov(
+            "effective",
+            ("effective",),
+            "effective sample count of the temporally filtered pixel, in frames: how many of equal weight had as little noise",
+            default=False,
+        ),
+        Aov("beta", ("beta",), "weight of the own eye's colour in the stereo blend, 0 to 1", default=False),
         Aov(
             "Z",
             ("Z",),

@@ -7,10 +7,11 @@ lists the views, the first of which is the default view; the view's name is the 
 name; only names without a period stand for the default view. So there are R and right.R, Z and right.Z, but albedo.left.R
 and albedo.right.R: a channel albedo.R would belong to no view.
 
-Attributes. `scene`, `method`, `stereoBlend`, `settings` (JSON), `seed` (text, since 64 bits do not fit an integer attribute; of a merged
+Attributes. `scene`, `method`, `temporal`, `stereoBlend`, `settings` (JSON), `seed` (text, since 64 bits do not fit an integer attribute; of a merged
 file all of them, with commas between), `frame`, `software`, `framesPerSecond`, in stereo `eyeDistance` (metres), and for
 each view, named as its channels are, `spp` (samples taken for each pixel), `worldToCamera` and `fovY` (vertical field of
-view, radians). `worldToCamera` is as OpenEXR defines it: a 4x4 matrix to
+view, radians). `sceneDigest` and `cameraDigest` tell scenes and camera paths apart by their content; a merged file has those that
+all its sources share. `worldToCamera` is as OpenEXR defines it: a 4x4 matrix to
 multiply a row vector with from its left, into a left-handed space with x to the right, y up and z along the view.
 """
 
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import OpenEXR
 
+from ..scene.digest import camera_digest, scene_digest
 from ..scene.model import Camera, Scene
 from ..version import __version__
 from .aov import AOVS
@@ -43,7 +45,10 @@ def provenance(scene: Scene, stats: Mapping[str, object]) -> dict[str, object]:
     return {
         "software": SOFTWARE,
         "scene": scene.file.encode("utf-8", "backslashreplace").decode("utf-8"),
+        "sceneDigest": scene_digest(scene),
+        "cameraDigest": camera_digest(scene),
         "method": stats["method"],
+        "temporal": stats["temporal"],
         "stereoBlend": stats["stereo_blend"],
         "settings": json.dumps(stats["settings"], sort_keys=True),
         "seed": str(stats["seed"]),
@@ -102,6 +107,12 @@ def write_images(
 def channel_names(image: str) -> tuple[str, ...]:
     """The channels that COLOR or an AOV has in a file with a single view."""
     return COLOR_CHANNELS if image == COLOR else AOVS[image].channels
+
+
+def all_channels(aovs: Iterable[str], views: Sequence[str]) -> list[str]:
+    """The channels of a file with the colour and these AOVs of each view."""
+    of_view = [channel for image in (COLOR, *aovs) for channel in channel_names(image)]
+    return [name_in_view(channel, views, view) for view in views for channel in of_view]
 
 
 def name_in_view(name: str, views: Sequence[str], view: str) -> str:

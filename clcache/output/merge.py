@@ -28,7 +28,7 @@ from ..errors import SettingError
 from ..settings import CACHED_METHODS
 from .aov import AOVS
 from .exr import COLOR, REC_709, SOFTWARE, channel_names, name_in_view, sample_counts, write_images
-from .read import MONO, Picture, read_attributes, read_picture
+from .read import MONO, Picture, read_header, read_picture
 
 MAX_SPP = 2**31 - 1  # the attribute spp has 32 bits
 
@@ -47,14 +47,15 @@ class Source:
     def read(cls, path: str | os.PathLike) -> Self:
         """Read the header. Raises SettingError where the file is none, or lacks what clcache writes."""
         file = os.fspath(path)
-        size, attributes = read_attributes(file)
+        header = read_header(file)
+        attributes = header.attributes
         views = list(attributes["multiView"]) if "multiView" in attributes else [MONO]
         try:
             seeds = tuple(int(seed) for seed in attributes["seed"].split(","))
             spp = {view: attributes[name_in_view("spp", views, view)] for view in views}
             if not all(isinstance(count, int) and count > 0 for count in spp.values()):
                 raise ValueError("spp")
-            source = cls(file, size, seeds, spp, attributes)
+            source = cls(file, header.size, seeds, spp, attributes)
             source.identity()
             for view in views:
                 source.camera(view)
@@ -98,6 +99,16 @@ def check_mergeable(sources: Sequence[Source]) -> None:
                 f"{source.file}: its method, {source.attributes['method']}, has samples of earlier frames, too, of which no number"
                 " is known; expected frames that stand by themselves, as pathtrace's do"
             )
+        for attribute, what, whose in (
+            ("temporal", "temporal filter", "earlier frames"),
+            ("stereoBlend", "stereo blend", "the other eye"),
+        ):
+            name = source.attributes.get(attribute, "none")
+            if name != "none":
+                raise SettingError(
+                    f"{source.file}: its {what}, {name}, has put colour of {whose} into it, for which no number of samples"
+                    " stands; expected frames without"
+                )
     expected, seen = first.identity(), dict.fromkeys(first.seeds, first.file)
     for source in others:
         found = source.identity()
@@ -210,6 +221,9 @@ def _header(sources: Sequence[Source]) -> dict[str, object]:
     first, views = sources[0], list(sources[0].spp)
     has = first.attributes
     header = {name: has[name] for name in ("scene", "method", "settings", "frame")}
+    for name in ("sceneDigest", "cameraDigest"):
+        if name in has and all(source.attributes.get(name) == has[name] for source in sources):
+            header[name] = has[name]
     header |= {
         "software": SOFTWARE,
         "framesPerSecond": Fraction(*has["framesPerSecond"]),

@@ -65,14 +65,24 @@ def read_picture(path: str | os.PathLike) -> Picture:
         return _picture(os.fspath(path), kind, source)
 
 
-def read_attributes(path: str | os.PathLike) -> tuple[tuple[int, int], dict[str, object]]:
-    """Width and height of a picture and the attributes of its first part, as OpenImageIO gives them, without its pixels.
+@dataclass(frozen=True)
+class Header:
+    """What a file says of its first part. size: width, height. channels: their names. attributes: as OpenImageIO gives them."""
+
+    size: tuple[int, int]
+    channels: tuple[str, ...]
+    attributes: dict[str, object]
+
+
+def read_header(path: str | os.PathLike) -> Header:
+    """A picture's header, without its pixels.
 
     Raises SettingError, with one line, where the file cannot be read or is damaged.
     """
     with _opened(os.fspath(path)) as (_, source):
         spec = source.spec()
-        return (spec.width, spec.height), {attribute.name: attribute.value for attribute in spec.extra_attribs}
+        attributes = {attribute.name: attribute.value for attribute in spec.extra_attribs}
+        return Header((spec.width, spec.height), tuple(spec.channelnames), attributes)
 
 
 @contextlib.contextmanager

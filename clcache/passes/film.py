@@ -6,6 +6,8 @@ import pyopencl as cl
 
 from ..device import Device, fill
 from ..frame import Buffer, Pass
+from ..resources import SceneResources
+from .trace import HITS
 
 
 def film_buffers(n: int, pixels: int) -> list[Buffer]:
@@ -13,7 +15,7 @@ def film_buffers(n: int, pixels: int) -> list[Buffer]:
     return [
         Buffer("color_sum", (3, n)),
         Buffer("color_lost", (3, n)),
-        Buffer("color", (pixels, 3)),
+        Buffer("color", (pixels, 3), per_eye=True),
         Buffer("square_sum", (3, n)),
         Buffer("aov_variance", (pixels, 3)),
         Buffer("aov_samples", (pixels,)),
@@ -22,6 +24,8 @@ def film_buffers(n: int, pixels: int) -> list[Buffer]:
         Buffer("N_sum", (3, n)),
         Buffer("aov_N", (pixels, 3)),
         Buffer("aov_Z", (pixels,)),
+        Buffer("nearest", (n,)),
+        Buffer("surface", (pixels, 4), "u4", per_eye=True),
     ]
 
 
@@ -113,6 +117,22 @@ class NearestDepth(Pass):
         """Compare this sample's depths."""
         n, pixels = arrays["pixel"].size, arrays["aov_Z"].size
         yield self._kernel(*(arrays[b] for b in self.reads), state.camera, n, pixels, count=n)
+
+
+class NearestHit(Pass):
+    """The nearest first hit of the samples (`cl/pathtrace/nearest.cl`), packed as `cl/scene/first_hit.cl` says."""
+
+    name = "surface"
+    reads = ("pixel", "ray_direction", *HITS, "nearest")
+    writes = ("nearest", "surface")
+
+    def __init__(self, device: Device, scene: SceneResources):
+        self._scene, self._kernel = scene, device.program("pathtrace/nearest.cl")["nearest_hit"]
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Compare this sample's depths."""
+        n, pixels = arrays["pixel"].size, arrays["surface"].shape[0]
+        yield self._kernel.run(n, arrays, self._scene.arrays, camera=state.camera, n=n, pixels=pixels)
 
 
 class Mean(Pass):

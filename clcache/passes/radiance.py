@@ -65,7 +65,8 @@ class Choose(Pass):
         is_adaptive = shading == "adaptive"
         self._kernel, self._rate = _choose(device, defines, is_adaptive)["choose"], rate
         importance = ("histogram", "bin_of", "shadable", "base_path") if is_adaptive else ()
-        self.reads = ("pixel", "mask", "shading", "counters", *importance)
+        kept = "shading" if defines["HAS_RADIANCE"] else "first_hit"
+        self.reads = ("pixel", "mask", kept, "counters", *importance)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Group by group."""

@@ -1,7 +1,7 @@
 """From the visible samples of a cache to the image and its AOVs (SampleCache, section 3.3; `cl/samplecache/reconstruct.cl`)."""
 
 from collections import ChainMap
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import pyopencl as cl
 
@@ -34,7 +34,9 @@ def reconstruct_buffers(pixels: int, groups: int, capacity: int, rays: int) -> l
         Buffer("sample_base", (3, rays)),
         Buffer("sample_normal", (3, rays)),
         Buffer("sample_depth", (rays,)),
+        Buffer("sample_distance", (rays,)),
         Buffer("color", (pixels, 3), per_eye=True),
+        Buffer("surface", (pixels, 4), "u4", per_eye=True),
         *(Buffer(name, (pixels, 3) if name in vectors else (pixels,)) for name in AOVS),
     ]
 
@@ -48,12 +50,23 @@ def _reconstruct(device: Device, scene: SceneResources, defines: Mapping[str, in
     return device.program("samplecache/reconstruct.cl", **defines, **scene.defines)
 
 
-class _ReconstructPass(Pass):
-    """A kernel of reconstruct.cl."""
+def _nearest(device: Device, scene: SceneResources, defines: Mapping[str, int | bool]) -> Program:
+    return device.program("samplecache/nearest.cl", **defines)
 
-    def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool], kernel: str):
+
+class _ReconstructPass(Pass):
+    """A kernel of one of the programs over the list of visible samples."""
+
+    def __init__(
+        self,
+        device: Device,
+        scene: SceneResources,
+        defines: Mapping[str, int | bool],
+        kernel: str,
+        program: Callable[..., Program] = _reconstruct,
+    ):
         self._scene = scene
-        self._kernel = _reconstruct(device, scene, defines)[kernel]
+        self._kernel = program(device, scene, defines)[kernel]
 
     def _over_samples(self, arrays, state, **scalars) -> cl.Event | None:
         part = batch(seen(arrays), state, 0)
@@ -150,6 +163,51 @@ class FindMoments(_ReconstructPass):
         yield self._over_groups(arrays, state)
 
 
+class ClearSurface(_ReconstructPass):
+    """Start the search for each pixel's nearest sample: where none is visible, the background remains."""
+
+    name = "surface"
+    writes = ("surface",)
+
+    def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool]):
+        super().__init__(device, scene, defines, "clear_surface", _nearest)
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Pixel by pixel."""
+        pixels = arrays["surface"].shape[0]
+        yield self._kernel.run(pixels, arrays, camera=state.camera, pixels=pixels)
+
+
+class Distance(_ReconstructPass):
+    """How far away each visible sample of the current batch is."""
+
+    name = "distance"
+    reads = (_SAMPLES, _LENGTH, "first_hit")
+    writes = ("sample_distance",)
+
+    def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool]):
+        super().__init__(device, scene, defines, "measure", _nearest)
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """One sample for each entry."""
+        yield self._over_samples(arrays, state)
+
+
+class KeepNearest(_ReconstructPass):
+    """The first hit of each pixel's nearest visible sample."""
+
+    name = "surface"
+    reads = ("pixel", "mask", "first_hit", _SAMPLES, _FIRST, _COUNT, "sample_distance")
+    writes = ("surface",)
+
+    def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool]):
+        super().__init__(device, scene, defines, "keep_nearest", _nearest)
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """Group by group."""
+        yield self._over_groups(arrays, state)
+
+
 class Describe(_ReconstructPass):
     """The surface of each visible sample of the current batch."""
 
@@ -169,13 +227,15 @@ class FillAovs(_ReconstructPass):
     """The AOVs of each pixel."""
 
     name = "aovs"
-    writes = AOVS
 
     def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool]):
         super().__init__(device, scene, defines, "fill_aovs")
         samples = ("sample_value", "sample_weight", "sample_base", "sample_normal", "sample_depth")
-        self.reads = ("pixel", "mask", "shading", _SAMPLES, _FIRST, _COUNT, *samples, "color")
+        counts = "shading" if defines["HAS_RADIANCE"] else "answer_count"
+        self.reads = ("pixel", "mask", counts, _SAMPLES, _FIRST, _COUNT, *samples, "color")
+        self.writes = AOVS if defines["HAS_RADIANCE"] else tuple(b for b in AOVS if b != "aov_age")
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
-        """Group by group."""
-        yield self._over_groups(arrays, state)
+        """Group by group. An `age` that is not of samples is left alone."""
+        own = {name: a for name, a in arrays.items() if name in self.writes or not name.startswith("aov_")}
+        yield self._over_groups(own, state)

@@ -115,9 +115,9 @@ class Settle(Pass):
     """Put new samples into the cache, say which of the others are visible, and replace a pixel's last one if it is not."""
 
     name = "settle"
-    writes = ("mask", "first_hit", "shading")
 
     def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool], tracing: str):
+        self.writes = ("mask", "first_hit", *(("shading",) if defines["HAS_RADIANCE"] else ()))
         self._scene, self._plan = scene, ("plan",) if tracing == "adaptive" else ()
         self._kernel = _retrace(device, scene, defines)["settle"]
         self.reads = ("samples", "group_first", "group_count", "ray_direction", *HITS[1:], "mask", *self._plan)

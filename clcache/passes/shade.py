@@ -46,7 +46,8 @@ class Shade(_ShadePass):
     """One vertex of the paths: the light that they found on the way, their next rays, and shadow rays where there are lights.
 
     vertex: number of the surface along the path, 0 for the first hit. roulette: first bounce that may end a path. is_last:
-    no ray is traced after this one. stream: the buffer that says, by path, whose random numbers it takes.
+    no ray is traced after this one. stream: the buffer that says, by path, whose random numbers it takes. own_light: whether
+    what a ray found counts that shines by itself.
     """
 
     name = "shade"
@@ -60,10 +61,12 @@ class Shade(_ShadePass):
         is_last: bool,
         sobol: bool,
         stream: str = "pixel",
+        own_light: bool = True,
     ):
         super().__init__(device, scene, "shade", sobol)
         self._stream = stream
-        self._place = {"vertex": vertex, "roulette": roulette, "is_last": int(is_last), "emitters": scene.emitter_count}
+        self._place = {"vertex": vertex, "roulette": roulette, "is_last": int(is_last), "own_light": int(own_light)}
+        self._place["emitters"] = scene.emitter_count
         path = ("ray_length", "throughput", "radiance", "ray_counts", *self._density, *self._cone)
         shadow_ray = _SHADOW_RAY if self._is_lit else ()
         self.reads = (stream, "path", "alive", *HITS, "ray_direction", *path)

@@ -80,7 +80,7 @@ class Generate(Pass):
 class TraceCamera(Pass):
     """The nearest hits of the camera's rays, of which neighbouring paths have like ones (`cl/bvh/trace.cl`)."""
 
-    name = "trace"
+    name = "trace_camera"
     reads = ("ray_origin", "ray_direction", "ray_start", "ray_length")
     writes = HITS
 

@@ -82,7 +82,7 @@ def test_every_family_has_results(results):
         assert len(r.seconds) == 3
         assert min(r.seconds) >= 0
         assert r.rate == pytest.approx(r.items / sorted(r.seconds)[1])
-        assert r.scene == ("" if r.family == "bandwidth" else "tiny")
+        assert r.scene == ("" if r.family in ("bandwidth", "table") else "tiny")
 
 
 def test_bandwidth(results):

@@ -46,11 +46,11 @@ def expected(metric):
     ]
 
 
-def test_the_table_has_a_line_for_each_view_of_each_file_and_the_mean(folders, capsys):
+def test_the_table_has_a_line_for_each_view_of_each_file_the_mean_and_the_sequence(folders, capsys):
     assert main(["compare", *folders, "--metrics", "relmse,rmse", "--temporal", "--stereo"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    heading, *lines, mean = [line.split() for line in out.splitlines()]
+    heading, *lines, mean, sequence = [line.split() for line in out.splitlines()]
     assert heading[:4] == ["file", "view", "relmse", "rmse"]
     assert [line[:2] for line in lines] == [[f"frame_000{n}.exr", eye] for n in (0, 1) for eye in ("left", "right")]
     for column, metric in ((2, relmse), (3, rmse)):
@@ -60,6 +60,20 @@ def test_the_table_has_a_line_for_each_view_of_each_file_and_the_mean(folders, c
     assert lines[0][4:] == ["-", "-", "-", "1", "1", "1"]
     assert lines[2][4:] == ["0.0625", "1", "0", "1", "1", "1"]
     assert mean[0] == "mean" and mean[3:] == ["0.0625", "1", "0", "1", "1", "1"]
+    assert sequence[0] == "sequence" and sequence[1] == mean[1] and sequence[3:] == mean[3:]
+    assert float(sequence[2]) == pytest.approx(np.sqrt((0.5**2 + 0.25**2) / 2), rel=1e-5)
+
+
+def test_two_files_have_neither_mean_nor_sequence(folders, capsys):
+    files = [f"{folder}/frame_0000.exr" for folder in folders]
+    assert main(["compare", *files, "--metrics", "rmse"]) == 0
+    assert [line.split()[:2] for line in capsys.readouterr().out.splitlines()] == [
+        ["file", "view"],
+        ["frame_0000.exr", "left"],
+        ["frame_0000.exr", "right"],
+    ]
+    assert main(["compare", *files, "--metrics", "rmse", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out).keys() == {"test", "reference", "rows"}
 
 
 def test_json_to_a_file_and_to_stdout(folders, tmp_path, capsys):
@@ -71,6 +85,8 @@ def test_json_to_a_file_and_to_stdout(folders, tmp_path, capsys):
     assert [row["rmse"] for row in result["rows"]] == pytest.approx(expected(rmse))
     assert [(row["file"], row["view"]) for row in result["rows"]][1] == ("frame_0000.exr", "right")
     assert result["mean"]["rmse"] == pytest.approx(np.mean(expected(rmse)))
+    assert result["sequence"]["rmse"] == pytest.approx(np.sqrt(np.mean(np.square(expected(rmse)))))
+    assert result["sequence"]["psnr"] == result["mean"]["psnr"]
     assert main(["compare", *folders, "--metrics", "rmse,psnr", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out) == result
     assert main(["compare", folders[0], folders[0], "--metrics", "psnr", "--json", "-"]) == 0
@@ -101,7 +117,7 @@ def test_max_is_of_every_picture(folders, capsys, limits, code):
     options = [word for limit in limits for word in ("--max", limit)]
     assert main(["compare", *folders, "--metrics", "rmse,relmse", "--temporal", *options]) == code
     out, err = capsys.readouterr()
-    assert len(out.splitlines()) == 6
+    assert len(out.splitlines()) == 7
     assert err.count("\n") == code and ("is above" in err) == bool(code)
     if limits == ["rmse=0.49"]:
         assert "rmse is above 0.49 in 2 of 4 pictures; most in frame_0000.exr (right): 0.5" in err

@@ -54,6 +54,7 @@ class FakeRenderer:
         self.size = options["size"] or scene.defaults.size
         self.spp = options["spp"] or scene.defaults.spp
         self.eyes = ("left", "right") if options["stereo"] else ("mono",)
+        self.until_relmse, self.has_state = options["until_relmse"], False
 
     def stats(self):
         stats = {
@@ -61,6 +62,7 @@ class FakeRenderer:
             "method": "pathtrace",
             "settings": {},
             "seed": 1,
+            "temporal": self.options["temporal"] or "none",
             "stereo_blend": self.options["stereo_blend"] or "none",
             "spp": self.spp,
             "size": list(self.size),
@@ -119,8 +121,8 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
     assert main(["render", "rooms/scene.toml"]) == 0
     options = FakeRenderer.options
     assert options["scene"] is project.scene
-    for name in ("method", "size", "stereo", "seed", "spp", "until_relmse", "stereo_blend", "device", "threads"):
-        assert options[name] is None
+    own = "method size stereo seed spp until_relmse temporal stereo_blend device threads"
+    assert [options[name] for name in own.split()] == [None] * 10
     assert (options["settings"], options["aovs"]) == ({}, ("albedo", "N", "Z"))
     assert project.allow_outside is False
     assert files() == ["out/rooms/frame_0003.exr", "out/rooms/frame_0004.exr"]
@@ -133,11 +135,12 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
 def test_what_is_given_reaches_the_renderer(project):
     arguments = "--method other --size 8x2 --frames 0:1 --fps 60 --stereo --spp 5 --seed 0 --set pathtrace.bounces=4"
     arguments += " --set pathtrace.roulette=1 --aov Z,N,Z --device pocl --threads 3 --allow-outside -o far/away"
-    arguments += " --stereo-blend samples"
+    arguments += " --temporal taa --stereo-blend samples"
     assert main(["render", "s.toml", *arguments.split()]) == 0
     options = FakeRenderer.options
     assert (options["method"], options["size"], options["stereo"]) == ("other", (8, 2), True)
-    assert (options["spp"], options["seed"], options["stereo_blend"]) == (5, 0, "samples")
+    assert (options["spp"], options["seed"]) == (5, 0)
+    assert (options["temporal"], options["stereo_blend"]) == ("taa", "samples")
     assert options["settings"] == {"pathtrace.bounces": 4, "pathtrace.roulette": 1}
     assert (options["device"], options["threads"], options["aovs"]) == ("pocl", 3, ("Z", "N"))
     assert options["scene"].defaults.fps == 60.0
@@ -147,7 +150,7 @@ def test_what_is_given_reaches_the_renderer(project):
         assert {"R", "right.R", "right.Z", "N.right.X"} <= set(file.channels())
         assert not any(name.startswith("albedo") for name in file.channels())
         assert file.header()["framesPerSecond"] == 60
-        assert file.header()["stereoBlend"] == "samples"
+        assert (file.header()["temporal"], file.header()["stereoBlend"]) == ("taa", "samples")
 
 
 def test_every_view_says_how_many_samples_it_has(project, capsys):
@@ -236,7 +239,7 @@ def test_notes_and_what_was_dropped_are_said_on_a_line_each(project, capsys):
         ("--set pathtrace.bounces", "KEY=VALUE"),
         ("--set pathtrace.bounce=3", "did you mean pathtrace.bounces"),
         ("--set pathtrace.bounces=many", "0 .. 64"),
-        ("--aov depth", "albedo, N, variance, samples, occupancy, visible, age, trace, Z"),
+        ("--aov depth", "albedo, N, variance, samples, occupancy, visible, age, trace, voxel"),
         ("--stereo --mono", "--stereo"),
         ("--stereo-blend some", "--stereo-blend"),
         ("--stere", "--stere"),
@@ -294,7 +297,7 @@ def test_ctrl_c_leaves_complete_frames(project, capsys, monkeypatch):
     assert files() == ["o/frame_0000.exr", "o/frame_0001.exr"]
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.splitlines()[-1] == "clcache: interrupted; o has 2 of 9 frames, each complete"
+    assert captured.err.splitlines()[-1] == "clcache: interrupted; o has 2 of 9 frames, each complete; --resume goes on"
 
 
 def test_a_device_that_fails_midway_leaves_complete_frames(project, capsys, monkeypatch):

@@ -20,6 +20,11 @@ def test_every_setting_is_a_row_of_the_table(capsys):
         assert setting.parse(cells[2]) == setting.default
 
 
+def test_whole_numbers_have_all_their_digits():
+    assert SETTINGS["voxelhash.capacity"].range == "1 .. 268435456"
+    assert SETTINGS["voxelhash.level_bias"].range == "-8 .. 8"
+
+
 def test_nothing_heavy_is_imported():
     code = """
 import sys

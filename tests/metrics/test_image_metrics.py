@@ -11,7 +11,19 @@ from hypothesis.extra.numpy import arrays
 from skimage import data
 
 from clcache.errors import Error, SettingError
-from clcache.metrics import METRICS, cpbd, flip, ms_ssim, psnr, relative_error, relmse, rmse, ssim
+from clcache.metrics import (
+    METRICS,
+    cpbd,
+    flip,
+    ms_ssim,
+    psnr,
+    relative_error,
+    relmse,
+    rmse,
+    ssim,
+    ssim_linear,
+    summarize,
+)
 from clcache.metrics.image import to_display
 from clcache.output.png import to_bytes
 
@@ -237,6 +249,32 @@ def test_cpbd_is_that_of_the_package_on_8_bit_luma():
     assert cpbd(picture, constant(0.5, 128), encoded=True) == expected
 
 
+def test_ssim_linear_is_that_of_clipped_radiance():
+    test, reference = (3.0 * v for v in colourful(160))
+    assert (test > 1.0).mean() > 0.1 and (test < 1.0).mean() > 0.1
+    found = ssim_linear(test, reference)
+    assert found == ssim(np.minimum(test, 1.0), np.minimum(reference, 1.0), encoded=True)
+    assert found != pytest.approx(ssim(test, reference), abs=1e-3)
+    brighter = np.where(reference > 1.0, 2.0 * reference, reference)
+    assert ssim_linear(brighter, reference) == 1.0  # what a display cannot show is no difference
+
+
+def test_a_sequence_is_measured_as_one_picture():
+    """relmse and rmse of two pictures are those of one that holds both, beside each other; others are means."""
+    rng = np.random.default_rng(1)
+    reference = rng.uniform(0, 3, (2, 20, 24, 3))
+    test = reference + rng.normal(0, [[[[0.1]]], [[[0.5]]]], reference.shape)
+    columns = ["relmse", "rmse", "ssim", "stereo", "temporal"]
+    rows = [{name: METRICS[name].function(t, r) for name in columns[:3]} for t, r in zip(test, reference, strict=True)]
+    rows[1]["temporal"] = 0.25
+    values = summarize(columns, rows)
+    for name in ("relmse", "rmse"):
+        assert values[name] == pytest.approx(METRICS[name].function(np.hstack(test), np.hstack(reference)))
+    assert values["rmse"] > 1.1 * np.mean([row["rmse"] for row in rows])
+    assert values["ssim"] == pytest.approx(np.mean([row["ssim"] for row in rows]))
+    assert values["temporal"] == 0.25 and "stereo" not in values
+
+
 @needs("cpbd")
 def test_cpbd_falls_with_blur():
     from scipy.ndimage import gaussian_filter
@@ -253,7 +291,7 @@ def test_cpbd_falls_with_blur():
 @pytest.mark.parametrize("metric", WITH_REFERENCE)
 def test_equal_pictures_have_the_best_value_and_noise_makes_it_worse(metric):
     reference = photo() * 1.5
-    best = {"psnr": math.inf, "ssim": 1.0, "ms-ssim": 1.0}.get(metric.name, 0.0)
+    best = {"psnr": math.inf, "ssim": 1.0, "ssim-linear": 1.0, "ms-ssim": 1.0}.get(metric.name, 0.0)
     assert metric.function(reference, reference) == best
     values = [metric.function(disturbed(reference, amount), reference) for amount in (0.02, 0.05, 0.15)]
     ordered = [best, *values] if metric.lower_is_better else [*values[::-1], best]
@@ -298,7 +336,7 @@ def test_what_cannot_be_compared_is_an_error_of_one_line(metric):
             metric.function(good + 0.5, good, encoded=True)
 
 
-@pytest.mark.parametrize("name", ["ssim", "ms-ssim", pytest.param("cpbd", marks=needs("cpbd"))])
+@pytest.mark.parametrize("name", ["ssim", "ssim-linear", "ms-ssim", pytest.param("cpbd", marks=needs("cpbd"))])
 def test_least_side_is_the_least_that_works(name):
     metric = METRICS[name]
     least = metric.least_side

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from clcache.output.aov import AOVS
 from clcache.output.exr import COLOR_CHANNELS, name_in_view, provenance, sample_counts, world_to_camera, write_exr
+from clcache.scene.digest import camera_digest, scene_digest
 from clcache.scene.model import Camera, Defaults, Scene
 from clcache.version import __version__
 
@@ -21,6 +22,7 @@ STATS = {
     "method": "pathtrace",
     "settings": {"pathtrace.bounces": 3},
     "seed": 2**64 - 1,
+    "temporal": "taa",
     "stereo_blend": "samples",
 }
 # At (1, 2, 3), looking along +X with +Y up: the camera's axes -Z, Y and X are the world's X, Y and Z.
@@ -52,10 +54,13 @@ class FrameOf:
         return self.aovs[name, eye]
 
 
-def attributes(scene_file="data/cornell/scene.toml"):
+def scene(file="data/cornell/scene.toml"):
     camera = Camera(TRANSFORM, 0.8)
-    scene = Scene(scene_file, (), (), (), (), (), (0.0, 0.0, 0.0), camera, Defaults(fps=24000 / 1001))
-    return provenance(scene, STATS) | sample_counts(SPP)
+    return Scene(file, (), (), (), (), (), (0.0, 0.0, 0.0), camera, Defaults(fps=24000 / 1001))
+
+
+def attributes(**options):
+    return provenance(scene(**options), STATS) | sample_counts(SPP)
 
 
 def written(path, frame, aovs=tuple(AOVS)):
@@ -80,6 +85,7 @@ def test_mono_file_has_the_conventional_names_and_every_bit(tmp_path):
     header, channels = written(tmp_path / "f.exr", frame)
     names = {"R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z", "Z"}
     names |= {"variance.R", "variance.G", "variance.B", "samples", "occupancy", "visible", "age", "trace"}
+    names |= {"voxel.R", "voxel.G", "voxel.B", "level", "count", "alpha", "effective", "beta"}
     assert set(channels) == names
     assert "multiView" not in header and "eyeDistance" not in header
     for i, name in enumerate(COLOR_CHANNELS):
@@ -128,8 +134,9 @@ def test_header_says_where_the_picture_comes_from(tmp_path):
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
     assert header["software"] == f"clcache {__version__}"
     assert header["scene"] == "data/cornell/scene.toml"
+    assert header["sceneDigest"] == scene_digest(scene()) and header["cameraDigest"] == camera_digest(scene())
     assert header["method"] == "pathtrace"
-    assert header["stereoBlend"] == "samples"
+    assert (header["temporal"], header["stereoBlend"]) == ("taa", "samples")
     assert json.loads(header["settings"]) == {"pathtrace.bounces": 3}
     assert int(header["seed"]) == 2**64 - 1
     assert (header["frame"], header["spp"], header["right.spp"]) == (7, 16, 17)
@@ -142,7 +149,7 @@ def test_header_says_where_the_picture_comes_from(tmp_path):
 
 
 def test_a_scene_name_that_is_no_unicode_is_escaped(tmp_path):
-    write_exr(tmp_path / "f.exr", FrameOf(["mono"]), (), attributes("caf\udce9.toml"))
+    write_exr(tmp_path / "f.exr", FrameOf(["mono"]), (), attributes(file="caf\udce9.toml"))
     with OpenEXR.File(str(tmp_path / "f.exr"), header_only=True) as file:
         assert file.header()["scene"] == "caf\\udce9.toml"
 

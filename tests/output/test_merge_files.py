@@ -9,7 +9,7 @@ import pytest
 from clcache.errors import SettingError
 from clcache.output.exr import COLOR, name_in_view, sample_counts, world_to_camera, write_images
 from clcache.output.merge import MAX_SPP, Source, check_mergeable, merge
-from clcache.output.read import read_picture
+from clcache.output.read import read_header, read_picture
 from clcache.scene.model import Camera
 
 SIZE = (3, 5)
@@ -182,6 +182,17 @@ def test_header_is_that_of_the_files_with_all_seeds(tmp_path):
         np.testing.assert_array_equal(found[name], expected[name])
 
 
+@pytest.mark.parametrize("other", [{}, {"sceneDigest": "aa", "cameraDigest": "dd"}, {"cameraDigest": "dd"}])
+def test_digests_that_all_files_share_are_kept(tmp_path, other):
+    digests = {"sceneDigest": "aa", "cameraDigest": "cc"}
+    has = [digests, digests, other or digests]
+    paths = [grey(tmp_path / f"{seed}.exr", seed=seed, **has[seed]) for seed in range(3)]
+    merged(paths, tmp_path / "out.exr")
+    attributes = read_header(tmp_path / "out.exr").attributes
+    found = {name: attributes[name] for name in digests if name in attributes}
+    assert found == {name: value for name, value in digests.items() if has[2].get(name) == value}
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -195,6 +206,8 @@ def test_header_is_that_of_the_files_with_all_seeds(tmp_path):
         ({"right.fovY": 0.9}, "cameras: view right of .*b.exr"),
         ({"method": "samplecache"}, "b.exr: its method, samplecache, has samples of earlier frames"),
         ({"method": "isrt"}, "b.exr: its method, isrt, has samples of earlier frames"),
+        ({"temporal": "taa"}, "b.exr: its temporal filter, taa, has put colour of earlier frames into it"),
+        ({"stereoBlend": "constant"}, "b.exr: its stereo blend, constant, has put colour of the other eye into it"),
         ({"seed": "1"}, "both hold the samples of seed 1"),
         ({"seed": "2,1,3"}, "both hold the samples of seed 1"),
         ({"right.spp": MAX_SPP}, "expected at most"),

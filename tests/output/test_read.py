@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from clcache.errors import SettingError
-from clcache.output.exr import name_in_view, world_to_camera, write_exr
+from clcache.output.exr import all_channels, name_in_view, world_to_camera, write_exr
 from clcache.output.png import encode_srgb
-from clcache.output.read import decode_srgb, read_picture, split_name
+from clcache.output.read import decode_srgb, read_header, read_picture, split_name
 from clcache.scene.model import Camera
 
 SIZE = (5, 7)
@@ -60,6 +60,23 @@ def test_what_was_written_is_read(tmp_path, views):
         np.testing.assert_array_equal(picture.depth[view], frame.depth[view])
         np.testing.assert_allclose(picture.cameras[view].transform, frame.cameras[view].transform, atol=1e-6)
         assert picture.cameras[view].fov_y == pytest.approx(frame.cameras[view].fov_y)
+
+
+@pytest.mark.parametrize(
+    ("views", "expected"),
+    [
+        (["mono"], "R G B Z N.X N.Y N.Z"),
+        (
+            ["left", "right"],
+            "R G B Z N.left.X N.left.Y N.left.Z right.R right.G right.B right.Z N.right.X N.right.Y N.right.Z",
+        ),
+    ],
+)
+def test_a_header_names_the_channels(tmp_path, views, expected):
+    write_exr(tmp_path / "f.exr", FrameOf(views), ("N", "Z"), {"method": "isrt"})
+    header = read_header(tmp_path / "f.exr")
+    assert (header.size, header.attributes["method"]) == (SIZE[::-1], "isrt")
+    assert sorted(header.channels) == sorted(all_channels(("N", "Z"), views)) == sorted(expected.split())
 
 
 layer = st.text("abcXYZ_019", min_size=1, max_size=8).filter(lambda text: text not in ("left", "right"))

@@ -179,6 +179,7 @@ def test_previous_transforms_are_kept(device):
     """`instances_before`: as at the call before; the current ones: as `pose_at` has them; memory does not grow."""
     scene = world()
     resources = SceneResources(device, scene)
+    resources.keep_before()
     taken = []
     for seconds, before in ((0.0, 0.0), (0.3, 0.0), (0.7, 0.3), (0.7, 0.7), (5.0, 0.7)):
         resources.set_time(seconds)
@@ -194,10 +195,19 @@ def test_previous_transforms_are_kept(device):
     assert len(set(taken[1:])) == 1
 
 
-def test_a_still_scene_keeps_nothing_of_motion(device):
-    resources = SceneResources(device, frozen(world(), 0.5))
+def test_previous_transforms_are_kept_only_where_they_are_asked_for(device):
+    resources = SceneResources(device, world())
     resources.set_time(1.0)
     assert "instances_before" not in resources.arrays
+    resources.keep_before()
+    np.testing.assert_array_equal(resources.arrays["instances_before"].get(), resources.arrays["instances"].get())
+
+
+def test_of_a_still_scene_the_previous_transforms_are_the_current_ones(device):
+    resources = SceneResources(device, frozen(world(), 0.5))
+    resources.keep_before()
+    resources.set_time(1.0)
+    np.testing.assert_array_equal(resources.arrays["instances_before"].get(), resources.arrays["instances"].get())
 
 
 def test_chances_follow_what_moves(device):

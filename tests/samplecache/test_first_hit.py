@@ -17,7 +17,7 @@ from clcache.resources import SceneResources
 NONE = 0xFFFFFFFF
 STEPS = 2**24 - 1  # between 0 and 1
 SOURCE = """
-#include "samplecache/first_hit.cl"
+#include "scene/first_hit.cl"
 #include "samplecache/moved.cl"
 
 __kernel void pack(

@@ -5,7 +5,7 @@
 //
 // Lights with an extent are found by both rays; the power heuristic weighs the two (Veach 1997, section 9.2): `density` is
 // with which the path's last direction was chosen. From the bounce `roulette` on, a path goes on with the probability of its
-// throughput's largest component; where `is_last`, none does.
+// throughput's largest component; where `is_last`, none does. Without `own_light` what the rays found themselves is left out.
 //
 // Defines: HAS_EMISSION (something to be found by rays), HAS_DIRECT (something to send shadow rays to), SOBOL, and those of
 // surface.cl, bsdf.cl and emitters.cl.
@@ -123,6 +123,7 @@ __kernel void shade(
     uint vertex,
     uint roulette,
     uint is_last,
+    uint own_light,
     uint sample,
     uint key0,
     uint key1)
@@ -148,7 +149,7 @@ __kernel void shade(
 
 #if HAS_EMISSION
     Vec3 found = mul3(carried, found_light(&surface, &far, m, missed, t, direction, density[i]));
-    if (has_ray) store_planes(radiance, n, path[i], add3(load_vec3(radiance, n, path[i]), found));
+    if (has_ray && own_light) store_planes(radiance, n, path[i], add3(load_vec3(radiance, n, path[i]), found));
 #endif
 
     uint place = pixel[path[i]];

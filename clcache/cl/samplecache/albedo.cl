@@ -6,7 +6,7 @@
 // Defines: those of surface.cl.
 
 #include "common/camera.cl"
-#include "samplecache/first_hit.cl"
+#include "scene/first_hit.cl"
 #include "scene/surface.cl"
 
 #define LEAST_ALBEDO 0.05f

@@ -16,13 +16,8 @@
 // Each row is one vector. Define: BLUR, 0 if R is 1, where Y's neighbours have no weight.
 
 #include "common/camera.cl"
+#include "filter/other_eye.cl"
 
-// How far a pixel's reciprocal depth may be from the point's, as a part of it; that of a plane is linear across the image, so
-// that no slope beyond that of the surface itself need be allowed for.
-#define DEPTH_TOLERANCE 0.01f
-// Pixels along each axis from the point to a closest sample: to the centre of the farthest pixel that has weight, and half a
-// pixel for where in its pixel either sample lies.
-#define REACH 2.5f
 // Of the weights' sum, 1 if no pixel is left out. Weights can be negative: what remains of a smaller sum is mostly rounding.
 #define LEAST_WEIGHT 0.1f
 
@@ -51,13 +46,6 @@ inline float3 dodgson(float offset, float r)
                     r * after * after - step * after + level);
 }
 
-// The smaller of the steps to both sides, none where they go different ways; past the image's edge it goes on as before it.
-inline float least_step(float before, float here, float after, bool is_first, bool is_last)
-{
-    float down = is_first ? after - here : here - before, up = is_last ? here - before : after - here;
-    return is_first && is_last ? 0.0f : down * up > 0.0f ? fmin(fabs(down), fabs(up)) : 0.0f;
-}
-
 inline void add_moments(Moments *sum, float weight, float8 moments, float4 origin)
 {
     float4 deviation = moments.lo - origin;
@@ -77,8 +65,7 @@ INLINED void blur(Moments *sum, float weight, __global const float *moments, uin
 INLINED void resample(Resampled *sum, float weight, float8 row, Surface surface, __global const float *color, uint pixel,
                       float4 origin, float3 y)
 {
-    bool is_same = (row.s7 > 0.0f) == (surface.expected > 0.0f) && fabs(row.s7 - surface.expected) <= surface.allowed;
-    if (weight == 0.0f || !(row.s3 > 0.0f) || !is_same) return;
+    if (weight == 0.0f || !(row.s3 > 0.0f) || !shows(row.s7, surface.expected, surface.allowed)) return;
     float3 deviation = vload3(pixel, color) - y;
     add_moments(&sum->moments, weight, row, origin);
     sum->color += weight * deviation;
@@ -131,9 +118,9 @@ __kernel void blend(
     float8 m0 = vload8(p1 - left, other_moments), m1 = vload8(p1, other_moments), m2 = vload8(p1 + right, other_moments);
     float8 m3 = vload8(p4 - left, other_moments), m4 = vload8(p4, other_moments), m5 = vload8(p4 + right, other_moments);
     float8 m6 = vload8(p7 - left, other_moments), m7 = vload8(p7, other_moments), m8 = vload8(p7 + right, other_moments);
-    float slope = least_step(m3.s7, m4.s7, m5.s7, is_left, is_right) + least_step(m1.s7, m4.s7, m7.s7, is_top, is_bottom);
+    float slope = least_step(m3.s7, m4.s7, m5.s7) + least_step(m1.s7, m4.s7, m7.s7);
     float expected = here.s7 / dot3(forward_of(&other), towards);
-    Surface surface = { expected, DEPTH_TOLERANCE * expected + REACH * slope };
+    Surface surface = { expected, allowed_step(expected, slope) };
 
     float4 origin = here.lo;
     Resampled x = { { 0.0f, (float4)(0.0f), (float4)(0.0f) }, (float3)(0.0f), (float3)(INFINITY), (float3)(-INFINITY) };

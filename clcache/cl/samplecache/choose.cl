@@ -9,7 +9,8 @@
 // order of their turns, has the count of all of them, the second one more, and so on. In the paper it is the sample's own; but it is
 // the pixel's noise that is seen, and by their own counts samples of crowded pixels would be shaded before a lonely one.
 //
-// Defines: those of mask.cl; ADAPTIVE_SHADING; COUNT_OCCUPIED, COUNT_VISIBLE, COUNT_SHADED (places in `counters`).
+// Defines: those of mask.cl; HAS_RADIANCE; ADAPTIVE_SHADING; COUNT_OCCUPIED, COUNT_VISIBLE, COUNT_SHADED (places in `counters`;
+// what a cache without radiance shades is not decided here).
 
 #include "common/random.cl"
 #include "samplecache/dimensions.cl"
@@ -20,13 +21,19 @@
 #define BINS 13u
 #define BASE_BIN BINS  // of the histogram, behind the others: how many samples are shaded always
 
-// The visible samples of a pixel that can be shaded.
-inline uint shadable_slots(__global const uint *shading, Mask m, uint here, uint pixels)
+// The visible samples of a pixel that can be shaded. kept: the cache's data that say which are of the background: the shading,
+// or, of a cache without radiance, the first hits.
+inline uint shadable_slots(__global const uint *kept, Mask m, uint here, uint pixels)
 {
     uint slots = visible_slots(m);
     for (uint rest = slots; rest; rest &= rest - 1) {
         uint slot = lowest_bit(rest);
-        if (count_of(shading, slot * pixels + here) == OF_BACKGROUND) slots &= ~(1u << slot);
+#if HAS_RADIANCE
+        bool is_far = count_of(kept, slot * pixels + here) == OF_BACKGROUND;
+#else
+        bool is_far = kept[words_of(slot * pixels + here) + 3] == NONE;
+#endif
+        if (is_far) slots &= ~(1u << slot);
     }
     return slots;
 }
@@ -137,12 +144,12 @@ inline Threshold find_threshold(__global const uint *histogram, float budget)
 
 // Of a block of paths, which begins at `first`, the one of whose pixel a sample is shaded always: that whose turn it is, or the next
 // that has any; NONE where there is none.
-inline uint find_base(__global const uint *pixel, __global const uint *mask, __global const uint *shading, uint pixels, uint first,
+inline uint find_base(__global const uint *pixel, __global const uint *mask, __global const uint *kept, uint pixels, uint first,
                       uint update)
 {
     for (uint k = 0; k < LANES; k++) {
         uint path = first + (7 * update + k) % LANES, here = pixel[path];
-        if (here != NONE && shadable_slots(shading, load_mask(mask, here), here, pixels)) return path;
+        if (here != NONE && shadable_slots(kept, load_mask(mask, here), here, pixels)) return path;
     }
     return NONE;
 }
@@ -152,7 +159,8 @@ inline uint find_base(__global const uint *pixel, __global const uint *mask, __g
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void choose(
     __global const uint *pixel,          // (n)
     __global const uint *mask,           // (pixels, words)
-    __global const uint *shading,        // (slots, pixels, 4)
+    __global const uint *shading,        // (slots, pixels, 4) or null
+    __global const uint *first_hit,      // (slots, pixels, 4) or null
     __global const uchar *bin_of,        // (known_counts) or null
     __global const uint *histogram,      // (bins) or null
     __global const uint *base_path,      // (blocks) or null
@@ -171,6 +179,11 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void choose(
 {
     uint group = get_global_id(0);
     if (group >= groups) return;
+#if HAS_RADIANCE
+    __global const uint *kept = shading;
+#else
+    __global const uint *kept = first_hit;
+#endif
     uint chosen[GROUP * SLOTS], streams[GROUP * SLOTS], visible = 0, count = 0, occupied = 0, base = NONE;
 #if ADAPTIVE_SHADING
     Threshold threshold = find_threshold(histogram, rate * (float)pixels);
@@ -178,7 +191,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void choose(
     for (uint path = group * GROUP; path < min(group * GROUP + GROUP, n); path++) {
         uint here = pixel[path];
 #if !ADAPTIVE_SHADING
-        if (path % LANES == 0 && rate < 1.0f) base = find_base(pixel, mask, shading, pixels, path, update);
+        if (path % LANES == 0 && rate < 1.0f) base = find_base(pixel, mask, kept, pixels, path, update);
 #endif
         if (here == NONE) continue;
         Mask m = load_mask(mask, here);
@@ -201,7 +214,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void choose(
 #else
         float chance = rate < 1.0f ? (rate * (float)LANES - 1.0f) / (float)(LANES - 1) : 1.0f;
         bool is_chosen = path == base || chance >= 1.0f || random4(here, update, DIMENSION_COIN, key0, key1).x < chance;
-        if (is_chosen) slots = round_robin(shadable_slots(shading, m, here, pixels), path == base ? update / LANES : update);
+        if (is_chosen) slots = round_robin(shadable_slots(kept, m, here, pixels), path == base ? update / LANES : update);
 #endif
         for (uint k = 0; slots; slots &= slots - 1, k++) {
             chosen[count] = lowest_bit(slots) * pixels + here;
@@ -215,5 +228,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void choose(
     }
     if (occupied) atomic_add(counters + COUNT_OCCUPIED, occupied);
     if (visible) atomic_add(counters + COUNT_VISIBLE, visible);
+#if HAS_RADIANCE
     if (count) atomic_add(counters + COUNT_SHADED, count);
+#endif
 }

@@ -12,7 +12,6 @@
 // cover the pixel.
 
 #include "common/math.cl"
-#include "samplecache/sample.cl"
 
 #define MOST_COUNTED 0xFFFEu
 #define OF_BACKGROUND 0xFFFFu
@@ -41,3 +40,6 @@ inline float weight_of(uint count)
 {
     return (float)(int)count / ((float)(int)count + HALF_WEIGHT);
 }
+
+// In place of a weight: the background.
+#define FAR -1.0f

@@ -1,8 +1,8 @@
 // From the visible samples to the image (SampleCache, section 3.3): the mean over each pixel's samples. Where radiance is stored
 // without albedo, each sample's is multiplied by that at its own point, over the list of visible samples, in batches, and then
-// averaged group by group; otherwise the cache is averaged as it is.
+// averaged group by group; otherwise the cache is averaged as it is. Of a cache without radiance something else resolves the list.
 //
-// Defines: those of mask.cl and surface.cl; DEMODULATE; FILL: not every pixel has a sample that was shaded; HAS_MOMENTS.
+// Defines: those of mask.cl and surface.cl; HAS_RADIANCE; DEMODULATE; FILL: not every pixel has a sample that was shaded; HAS_MOMENTS.
 
 #include "samplecache/albedo.cl"
 #include "samplecache/groups.cl"
@@ -35,8 +35,6 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void list_visible(
     group_first[group] = first;
     group_count[group] = visible;
 }
-
-#define FAR -1.0f  // in place of a weight: the background
 
 // A pixel's mean. Surfaces are weighed against each other; surfaces and background by their numbers.
 typedef struct Mean {
@@ -362,7 +360,8 @@ inline float variance_of_mean(float spread, float weight, uint many)
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void fill_aovs(
     __global const uint *pixel,           // (n_paths)
     __global const uint *mask,            // (pixels, words)
-    __global const uint *shading,         // (slots, pixels, 4)
+    __global const uint *shading,         // (slots, pixels, 4) or null
+    __global const float *answer_count,   // (n) or null
     __global const uint *samples,         // (capacity)
     __global const uint *group_first,     // (groups)
     __global const uint *group_count,     // (groups)
@@ -379,7 +378,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void fill_aovs(
     __global float *aov_samples,          // (pixels)
     __global float *aov_occupancy,        // (pixels)
     __global float *aov_visible,          // (pixels)
-    __global float *aov_age,              // (pixels)
+    __global float *aov_age,              // (pixels) or null
     uint n_paths,
     uint n,
     uint groups,
@@ -393,7 +392,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void fill_aovs(
         uint here = pixel[path];
         if (here == NONE) continue;
         Mask m = load_mask(mask, here);
-        uint many = popcount(visible_slots(m)), begin = i, end = i + many, counted = 0, weighed = 0;
+        uint many = popcount(visible_slots(m)), begin = i, end = i + many, weighed = 0;
         float near_weight = 0.0f;
         uint near_count = 0;
         for (uint k = begin; k < end; k++) {
@@ -402,9 +401,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void fill_aovs(
         }
         float far_weight = near_weight > 0.0f ? near_weight / (float)near_count : 1.0f;
         Vec3 base = all3(0.0f), normal = all3(0.0f), spread = all3(0.0f), mean = row3(color, here);
-        float depth = INFINITY, weight = 0.0f, age = 0.0f;
+        float depth = INFINITY, weight = 0.0f, age = 0.0f, counted = 0.0f;
         for (; i < end; i++) {
-            uint sample = samples[first + i];
             bool is_far = isinf(sample_depth[i]);
             float part_of = is_far ? far_weight : sample_weight[i];
             Vec3 away = scale3(part_of, sub3(load_vec3(sample_value, n, i), mean));
@@ -414,8 +412,12 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void fill_aovs(
             spread = add3(spread, mul3(away, away));
             weight += part_of;
             weighed += part_of > 0.0f ? 1 : 0;
-            counted += is_far ? 0 : count_of(shading, sample);
-            age += (float)age_of(shading, sample);
+#if HAS_RADIANCE
+            counted += is_far ? 0.0f : (float)count_of(shading, samples[first + i]);
+            age += (float)age_of(shading, samples[first + i]);
+#else
+            counted += is_far ? 0.0f : answer_count[i];
+#endif
         }
         float part = 1.0f / (float)max(many, 1u);
         store_row(aov_albedo, here, scale3(part, base));
@@ -423,9 +425,9 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void fill_aovs(
         aov_Z[here] = depth;
         store_row(aov_variance, here, vec3(variance_of_mean(spread.x, weight, weighed), variance_of_mean(spread.y, weight, weighed),
                                            variance_of_mean(spread.z, weight, weighed)));
-        aov_samples[here] = (float)counted;
+        aov_samples[here] = counted;
         aov_occupancy[here] = (float)popcount(occupied_slots(m));
         aov_visible[here] = (float)many;
-        aov_age[here] = part * age;
+        if (aov_age) aov_age[here] = part * age;
     }
 }

@@ -4,7 +4,7 @@
 // Defines: ISRT (a sample's slot is its place within the pixel), SUPER (places along a pixel's side), those of moved.cl.
 
 #include "common/camera.cl"
-#include "samplecache/first_hit.cl"
+#include "scene/first_hit.cl"
 #include "samplecache/groups.cl"
 #include "samplecache/moved.cl"
 

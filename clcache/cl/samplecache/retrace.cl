@@ -6,7 +6,7 @@
 #include "common/camera.cl"
 #include "common/sampler.cl"
 #include "pathtrace/dimensions.cl"
-#include "samplecache/first_hit.cl"
+#include "scene/first_hit.cl"
 #include "samplecache/groups.cl"
 #include "samplecache/mask.cl"
 #include "samplecache/places.cl"

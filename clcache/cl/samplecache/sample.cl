@@ -2,12 +2,6 @@
 
 #define NEW_SAMPLE 0x80000000u  // of a list of what is traced
 
-// Where a sample's four words begin in the layers of the cache. A signed number, by which vectors gather faster.
-inline int words_of(uint sample)
-{
-    return 4 * (int)sample;
-}
-
 // What is planned for a pixel: bits.
 #define IS_EDGE 1u
 #define ADD 2u

@@ -4,29 +4,9 @@
 // Defines: DEMODULATE; those of surface.cl; HAS_EMISSION; HAS_DIRECT; HAS_TEXTURES.
 
 #include "samplecache/albedo.cl"
+#include "samplecache/least_part.cl"
 #include "samplecache/places.cl"
 #include "samplecache/radiance.cl"
-
-// Appendix C: the least part that a new value gets on surfaces that reflect, of roughness 0 and 1.
-#define LEAST_PART_SMOOTH 0.5f
-#define LEAST_PART_ROUGH 0.1f
-
-// The least part of a new value (Appendix C), by how much of what the surface reflects, seen head on, follows the view. Pictures of
-// the base colour are left out of account, as if they were white.
-inline float least_part(float metal, float roughness, __global const Material *m)
-{
-#if HAS_SPECULAR
-    float alpha = roughness * roughness, base = max_component(load3(m->base_color));
-    float dielectric = (m->ior - 1.0f) / (m->ior + 1.0f), rest = 1.0f - metal;
-    float gloss = fmin(m->specular * max_component(load3(m->specular_color)) * dielectric * dielectric, 1.0f);
-    float follows = metal * base + rest * (gloss + (1.0f - gloss) * base * m->transmission);
-    float stays = rest * (1.0f - gloss) * base * (1.0f - m->transmission);
-    float part = follows + stays > 0.0f ? follows / (follows + stays) : 0.0f;
-    return part * (LEAST_PART_SMOOTH + alpha * (LEAST_PART_ROUGH - LEAST_PART_SMOOTH));
-#else
-    return 0.0f;
-#endif
-}
 
 // One work-item per path: its first hit is a sample's.
 __kernel void begin_paths(

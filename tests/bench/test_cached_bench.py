@@ -1,11 +1,12 @@
-"""The sample cache's benchmark: which frames it measures."""
+"""The benchmarks of methods with a cache: which frames they measure."""
 
 from dataclasses import replace
 
 import pytest
 
 from clcache.bench import Job
-from clcache.bench.samplecache import FILLED, samplecache
+from clcache.bench.cached import FILLED, samplecache
+from clcache.bench.run import FAMILIES
 from clcache.errors import SettingError
 
 SCENE = """
@@ -54,6 +55,9 @@ def test_frames_behind_a_moving_scenes_last_are_refused(tmp_path, left, expected
         next(samplecache(job(tmp_path, end)))
 
 
-def test_a_still_scene_has_frames_without_end(tmp_path):
-    results = list(samplecache(replace(job(tmp_path, 3, motion=""), repeats=3)))
+@pytest.mark.parametrize("family", ["samplecache", "voxelhash", "hybrid"])
+def test_a_still_scene_has_frames_without_end(tmp_path, family):
+    results = list(FAMILIES[family].results(replace(job(tmp_path, 3, motion=""), repeats=3)))
     assert {len(r.seconds) for r in results} == {3}
+    assert {r.family for r in results} == {family}
+    assert {"shade", "whole frame", "path-traced frame"} <= {r.name for r in results}

@@ -7,7 +7,6 @@
 // The background is a sample, too: instance NONE, and the direction towards it, octahedrally, in place of u and v.
 
 #include "common/camera.cl"
-#include "samplecache/sample.cl"
 
 #define FIXED_ONE 0xFFFFFFu  // 1 in 24 bits
 
@@ -44,7 +43,7 @@ inline void store_first_hit(__global uint *first_hit, uint sample, FirstHit hit)
 }
 
 // A number in [0, 1] to the nearest multiple of 1 / FIXED_ONE, and back; above 2^23 all products are whole.
-inline uint to_fixed(float v)
+INLINED uint to_fixed(float v)
 {
     float scaled = fmin(fmax(v, 0.0f), 1.0f) * (float)FIXED_ONE;
     return (uint)(int)(scaled < 8388608.0f ? floor(scaled + 0.5f) : scaled);
@@ -55,7 +54,7 @@ inline float from_fixed(uint word)
     return (float)(int)(word & FIXED_ONE) / (float)FIXED_ONE;
 }
 
-inline FirstHit pack_first_hit(float u, float v, uint primitive, uint instance, uint material)
+INLINED FirstHit pack_first_hit(float u, float v, uint primitive, uint instance, uint material)
 {
     FirstHit hit = { to_fixed(u) | (material & 0xFFu) << 24, to_fixed(v) | (material >> 8 & 0xFFu) << 24, primitive, instance };
     return hit;
@@ -83,7 +82,7 @@ inline bool is_background(FirstHit hit)
 
 // direction: of any length but 0. The octahedron's lower half is folded over the upper one (Cigolle et al. 2014, "A Survey of
 // Efficient Representations for Independent Unit Vectors", JCGT 3(2)).
-inline FirstHit pack_background(Vec3 direction)
+INLINED FirstHit pack_background(Vec3 direction)
 {
     float size = fabs(direction.x) + fabs(direction.y) + fabs(direction.z);
     float x = direction.x / size, y = direction.y / size;

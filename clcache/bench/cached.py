@@ -1,6 +1,7 @@
-"""The passes of a frame by the sample cache, beside a path-traced one of a sample per pixel."""
+"""The passes of a frame by a method with a cache, beside a path-traced one of a sample per pixel."""
 
 from collections.abc import Iterator
+from functools import partial
 
 from ..errors import SettingError
 from ..renderer import Renderer
@@ -8,27 +9,29 @@ from ..scene.model import Scene
 from .job import Job
 from .result import Result
 
-FAMILY = "samplecache"
 USUAL = ("atrium", "classroom")
 FILLED = 8  # frames in which the cache fills, and which do not count
 
 
-def samplecache(job: Job) -> Iterator[Result]:
+def cached(method: str, job: Job) -> Iterator[Result]:
     """Seconds of each pass in the frames of a scene's own motion, and of the whole frame, rendered by either method in turn.
     Raises SettingError where the scene has fewer frames than are to be measured."""
     for name, scene in job.loaded(*USUAL):
         first, last = _measured(scene, job.repeats)
         options = {"size": job.size, "stereo": False, "spp": 1, "seed": 1, "device": job.device, "threads": job.threads}
-        rivals = [Renderer(scene, method, **options) for method in ("samplecache", "pathtrace")]
+        rivals = [Renderer(scene, rival, temporal="none", **options) for rival in (method, "pathtrace")]
         running = [renderer.frames(first, last) for renderer in rivals]
         frames = [tuple(frame.stats for frame in pair) for pair in zip(*running, strict=True)][FILLED:]
         pixels = job.size[0] * job.size[1]
         for step in frames[0][0]["eyes"]["mono"]["passes"]:
-            seconds = tuple(cached["eyes"]["mono"]["passes"][step] for cached, _ in frames)
+            seconds = tuple(own["eyes"]["mono"]["passes"][step] for own, _ in frames)
             if any(seconds):
-                yield Result(FAMILY, step, name, pixels, "pixels", seconds)
+                yield Result(method, step, name, pixels, "pixels", seconds)
         for what, which in (("whole frame", 0), ("path-traced frame", 1)):
-            yield Result(FAMILY, what, name, pixels, "pixels", tuple(pair[which]["seconds"] for pair in frames))
+            yield Result(method, what, name, pixels, "pixels", tuple(pair[which]["seconds"] for pair in frames))
+
+
+samplecache, voxelhash, hybrid = (partial(cached, method) for method in ("samplecache", "voxelhash", "hybrid"))
 
 
 def _measured(scene: Scene, repeats: int) -> tuple[int, int]:
