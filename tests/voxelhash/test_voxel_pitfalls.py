@@ -500,8 +500,9 @@ def test_hybrid_answers_by_the_parent_while_the_voxel_has_few_values():
             renderer.size[0] * renderer.size[1],
         )
         weight = arrays["sample_weight"].get()
-        answer = arrays["sample_value"].get().T / np.maximum(arrays["sample_albedo"].get().T, 1e-9)
         listed = int(arrays["seen_listed"].get()[0])
+        value, albedo = (arrays[name].get().T[:listed] for name in ("sample_value", "sample_albedo"))
+        answer = value / np.maximum(albedo, 1e-9)
         assert 0 < listed <= place.shape[1]
         own, above = (np.where(p == NONE, 0, p) for p in place[:, :listed])
         is_own, is_above = (p != NONE for p in place[:, :listed])
@@ -513,7 +514,7 @@ def test_hybrid_answers_by_the_parent_while_the_voxel_has_few_values():
         expected = np.where(is_own[:, None], values[own, :3], 0) * (1 - part) + values[above, :3] * part
         expected = np.where((n_above > 0)[:, None], expected, values[own, :3])
         assert surface.sum() > pixels / 4 and (is_own & is_above)[surface].sum() > pixels / 8
-        np.testing.assert_allclose(answer[:listed][surface], expected[surface], rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(answer[surface], expected[surface], rtol=1e-4, atol=1e-6)
         alone = surface & (n_own == 0)
         assert count or alone.any()
 
