@@ -12,6 +12,7 @@ __all__ = [
     "SettingError",
     "Tracer",
     "__version__",
+    "graph",
     "load_scene",
     "metrics",
 ]
@@ -27,10 +28,10 @@ def __getattr__(name: str):
         from . import renderer
 
         return getattr(renderer, name)
-    if name == "metrics":
+    if name in ("graph", "metrics"):
         import importlib
 
-        return importlib.import_module(".metrics", __name__)
+        return importlib.import_module(f".{name}", __name__)
     if name == "Tracer":
         from .bvh import Tracer
 

@@ -10,6 +10,7 @@ import pyopencl.array as cl_array
 
 from . import drivers
 from .errors import DeviceError, SettingError
+from .image import Image
 from .program import Program
 
 # Arrays that large pages are worth it for, and what drivers want host memory to be aligned to, to use it in place; bytes.
@@ -72,7 +73,7 @@ class Device:
                 raise SettingError(f"--threads {threads}: expected 1 .. {processors}")
             limit_pocl_threads(threads)
         candidate = drivers.choose(None if spec is None else str(spec))
-        whole = candidate.device
+        self._candidate, whole = candidate, candidate.device
         self.platform, self.name, self.driver = candidate.platform, candidate.name, candidate.driver_version
         self.capabilities = probe_capabilities(whole)
         device = whole if threads is None else _with_threads(candidate, threads)
@@ -92,17 +93,35 @@ class Device:
         if self.capabilities.exact_division:
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
 
-    def program(self, name: str, **defines: int | float | bool) -> Program:
-        """The program of `cl/<name>`, specialised by the defines; built at its first use. Raises DeviceError."""
-        key = (name, *sorted((key, repr(value)) for key, value in defines.items()))  # repr tells 1 from 1.0 and True
+    def program(self, name: str, generated: Mapping[str, str] | None = None, **defines: int | float | bool) -> Program:
+        """The program of `cl/<name>`, specialised by the defines; built at its first use. generated: as of `read_source`. Raises
+        DeviceError."""
+        made = tuple((generated or {}).items())
+        key = (
+            name,
+            made,
+            *sorted((key, repr(value)) for key, value in defines.items()),
+        )  # repr tells 1 from 1.0 and True
         if key not in self._programs:
             if self._on_compile:
                 self._on_compile(name)
             defines = {"HAS_FP64": self.capabilities.fp64, **defines}
-            program = Program(self.context, self.queue, self._options, self.local_size, name, defines)
+            program = Program(self.context, self.queue, self._options, self.local_size, name, defines, generated)
             self.compile_seconds += program.seconds
             self._programs[key] = program
         return self._programs[key]
+
+    def proves(self, feature: str) -> bool:
+        """Whether the device was seen to have an optional feature: "lanes", sub-groups that can be lane groups
+        (cl/common/lane_group.cl), or "images" that one kernel both reads and writes. Tried at the first question."""
+        return drivers.proves(self._candidate, feature)
+
+    def image_limits(self, dimensions: int) -> tuple[int, ...]:
+        """The largest width, height and, of three dimensions, number of layers of an image."""
+        device = self._candidate.device
+        if dimensions == 2:
+            return device.image2d_max_width, device.image2d_max_height
+        return device.image3d_max_width, device.image3d_max_height, device.image3d_max_depth
 
     def check_fits(self, what: str, sizes: Mapping[str, int]) -> None:
         """Raise DeviceError, before anything is allocated, if arrays of these sizes in bytes do not fit beside the others."""
@@ -132,6 +151,18 @@ class Device:
         self.allocated += size
         return array
 
+    def image(self, shape: tuple[int, ...], dtype: np.dtype | type, what: str = "an image") -> Image:
+        """An image of zeros on the device; arguments as of `Image`. Raises DeviceError if there are none, or it does not fit."""
+        size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        self.check_fits(what, {what: size})
+        try:
+            image = Image(self.queue, shape, dtype)
+            image.set(np.zeros(shape, dtype))
+        except (cl.Error, MemoryError) as error:
+            raise DeviceError(f"{what}: the device gave no image of {_gib(size)}: {error}") from error
+        self.allocated += size
+        return image
+
     def _in_large_pages(self, size: int) -> cl.Buffer:
         """Memory that NumPy asked the system to map in large pages, used in place: random reads of it miss the processor's
         table of pages far less often than in what drivers allocate."""
@@ -148,7 +179,7 @@ class Device:
             cl.enqueue_copy(self.queue, array.base_data, values)
         return array
 
-    def release(self, *arrays: cl_array.Array) -> None:
+    def release(self, *arrays: cl_array.Array | Image) -> None:
         """Give back arrays that are needed no more."""
         for array in arrays:
             self.allocated -= array.nbytes

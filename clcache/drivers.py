@@ -74,6 +74,12 @@ def probe(candidate: Candidate, use_caches: bool = True) -> Verdict:
     return _run_child([str(candidate.index)], fresh)
 
 
+@functools.cache
+def proves(candidate: Candidate, feature: str) -> bool:
+    """Whether the device, which works, has an optional feature, one of `probe.FEATURES`: tried in a child process, once."""
+    return _run_child([str(candidate.index), feature], {}).usable
+
+
 def choose(spec: str | None = None) -> Candidate:
     """The device to use.
 

@@ -24,6 +24,7 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 
 from .device import Device, event_seconds
+from .image import Image
 
 # Finished commands are timed and forgotten in batches: an event kept for each launch of a long frame would fill memory.
 _EVENTS_IN_FLIGHT = 256
@@ -32,13 +33,14 @@ _EVENTS_IN_FLIGHT = 256
 @dataclass(frozen=True)
 class Buffer:
     """A named array of the graph: its shape and dtype; `persistent` if its contents, zeros at first, outlive a run; `per_eye`
-    if each eye has one of its own, which no other eye's run touches."""
+    if each eye has one of its own, which no other eye's run touches; `is_image` if it is an image of the device (`Image`)."""
 
     name: str
     shape: tuple[int, ...]
     dtype: np.dtype | type = np.float32
     persistent: bool = False
     per_eye: bool = False
+    is_image: bool = False
 
     @property
     def nbytes(self) -> int:
@@ -47,7 +49,8 @@ class Buffer:
 
 
 class Pass:
-    """One step of a frame. Subclasses set `name`, `reads` and `writes`, and implement `run`.
+    """One step of a frame. Subclasses set `name`, `reads` and `writes`, and implement `run`; and `results` where what they are run for
+    is not all that they write.
 
     `run(arrays, state)` enqueues the work: arrays maps a buffer's name to its device array, state is what the method
     hands to `FrameGraph.run`. It yields the events of what it enqueued (None for a launch of nothing).
@@ -56,6 +59,7 @@ class Pass:
     name: str
     reads: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
+    results: tuple[str, ...] | None = None
 
     def run(self, arrays: Mapping[str, cl_array.Array], state: object) -> Iterable[cl.Event | None]:
         """Enqueue the pass's work and yield its events."""
@@ -123,14 +127,15 @@ class FrameGraph:
         self.buffers = [declared[name] for name in used if name in declared]
         self._eyes = tuple(eyes)
         device.check_fits("the frame", {what: b.nbytes for b in self.buffers for what, _ in self._copies(b)})
-        self._arrays: dict[str, dict[str, cl_array.Array]] = {eye: dict(given) for eye in eyes}
+        self._arrays: dict[str, dict[str, cl_array.Array | Image]] = {eye: dict(given) for eye in eyes}
         for b in self.buffers:
             for what, owners in self._copies(b):
-                array = (
-                    device.upload(np.zeros(b.shape, b.dtype), what)
-                    if b.persistent
-                    else device.empty(b.shape, b.dtype, what)
-                )
+                if b.is_image:
+                    array = device.image(b.shape, b.dtype, what)
+                elif b.persistent:
+                    array = device.upload(np.zeros(b.shape, b.dtype), what)
+                else:
+                    array = device.empty(b.shape, b.dtype, what)
                 for eye in owners:
                     self._arrays[eye][b.name] = array
         self.seconds: dict[str, float] = {}
@@ -232,7 +237,7 @@ def needed(passes: Sequence[Pass], outputs: set[str], exchanged: Sequence[tuple[
     """The passes, in the order given, whose results reach an output, in this run or through what it leaves to the next."""
     wanted = set(outputs)
     while True:
-        running = [_without_unwanted(p, wanted) for p in passes if wanted & set(p.writes)]
+        running = [_without_unwanted(p, wanted) for p in passes if wanted & results_of(p)]
         grown = wanted.union(*(reads for _, reads, _ in _steps(running)))
         grown |= {b for pair in exchanged if grown & set(pair) for b in pair}
         if grown == wanted:
@@ -241,7 +246,14 @@ def needed(passes: Sequence[Pass], outputs: set[str], exchanged: Sequence[tuple[
 
 
 def _without_unwanted(p: Pass, wanted: set[str]) -> Pass:
-    return p.keeping([q for q in p.passes if wanted & set(q.writes)]) if isinstance(p, Repeat) else p
+    return p.keeping([q for q in p.passes if wanted & results_of(q)]) if isinstance(p, Repeat) else p
+
+
+def results_of(p: Pass) -> set[str]:
+    """The buffers for whose sake a pass runs."""
+    if isinstance(p, Repeat):
+        return set().union(*(results_of(q) for q in p.passes))
+    return set(p.writes if p.results is None else p.results)
 
 
 def order(passes: Sequence[Pass], persistent: set[str] = frozenset()) -> list[Pass]:

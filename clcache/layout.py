@@ -44,7 +44,9 @@ STRUCTS: dict[str, np.dtype] = {
         ("number", "u4"),
     ),
     # A surface (`scene.model.Material`). The maps are indices of TextureUse, or -1. `emitter_density` is the chance per
-    # square metre that a sample of the lights falls on it.
+    # square metre that a sample of the lights falls on it. `graph`: the number of its graph, or -1; `outputs`: which of the
+    # graph's values, of one channel each, is the first of base colour, metallic, roughness, specular, specular colour,
+    # emission and normal, or -1 where the graph does not drive that.
     "Material": _struct(
         ("base_color", "f4", 3),
         ("alpha", "f4"),
@@ -64,6 +66,8 @@ STRUCTS: dict[str, np.dtype] = {
         ("metallic_roughness_map", "i4"),
         ("emission_map", "i4"),
         ("normal_map", "i4"),
+        ("graph", "i4"),
+        ("outputs", "i4", 7),
     ),
     # A texture as a material uses it; `transform`: 2x3, row-major, of texture coordinates.
     "TextureUse": _struct(("texture", "u4"), ("transform", "f4", 6)),

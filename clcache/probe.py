@@ -6,6 +6,8 @@ that the child starts quickly:
 
     python probe.py            load the drivers and ask for their platforms
     python probe.py INDEX      prove one device
+    python probe.py INDEX lanes    prove that its sub-groups do what a lane group does (cl/common/lane_group.cl)
+    python probe.py INDEX images   prove that a kernel may read what it wrote to an image
 
 It prints a line that starts with ANSWER and gives what is wrong, null if nothing is, as JSON; any other end of the
 process is an answer, too. A line VECTORISED before that says that `vectorise_loops` can be called.
@@ -26,9 +28,21 @@ import numpy as np
 import pyopencl as cl
 
 KERNEL = Path(__file__).parent / "cl" / "probe.cl"
+LANE_KERNEL = (KERNEL.parent / "common" / "lane_group.cl", KERNEL.parent / "probe_lanes.cl")
+IMAGE_KERNEL = KERNEL.parent / "probe_images.cl"
 ANSWER = "wrong: "
 VECTORISED = "loops are vectorised"
 GROUP = 64  # work-items in a group, as in probe.cl
+LANES = 32  # of a lane group
+LANE_FUNCTIONS = (
+    "ballot",
+    "broadcast",
+    "shuffle",
+    "shuffle of floats",
+    "minimum",
+    *2 * ("calls",),
+)  # of probe_lanes.cl
+LANE_EXTENSIONS = {"cl_khr_subgroup_ballot", "cl_khr_subgroup_shuffle", "cl_intel_required_subgroup_size"}
 ITEMS = 4 * GROUP
 
 
@@ -103,6 +117,68 @@ def failure(device: cl.Device) -> str | None:
         return gist(str(error).split("\n\n(options:")[0])  # PyOpenCL's own last line
     wrong = [name for name, right in expected.items() if not np.array_equal(results[name], right)]
     return f"wrong numbers: {', '.join(wrong)}" if wrong else None
+
+
+def lanes_failure(device: cl.Device) -> str | None:
+    """Whether lane groups may be sub-groups: None if so, else what is missing or went wrong. (Intel's runtime of 2026 exchanges values
+    rightly, and gets functions wrong that lanes call with vectors.)"""
+    if missing := LANE_EXTENSIONS - set(device.extensions.split()):
+        return f"it lacks {', '.join(sorted(missing))}"
+    values = np.random.default_rng(1).integers(0, 2**32, ITEMS, dtype=np.uint32)
+    source = "".join(file.read_text() for file in LANE_KERNEL)
+    try:
+        context = cl.Context([device])
+        queue = cl.CommandQueue(context)
+        program = cl.Program(context, source).build(["-cl-std=CL1.2", "-DNATIVE_SUBGROUPS=1"])
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+        found = np.zeros((7, ITEMS), np.uint32)
+        buffers = [cl.Buffer(context, flags, hostbuf=array) for array in (values, found)]
+        cl.Kernel(program, "probe")(queue, (ITEMS,), (LANES,), *buffers, np.uint32(ITEMS))
+        cl.enqueue_copy(queue, found, buffers[1])
+    except cl.Error as error:
+        return gist(str(error))
+    rows = zip(LANE_FUNCTIONS, found, lanes_expected(values), strict=True)
+    wrong = dict.fromkeys(name for name, row, right in rows if not np.array_equal(row, right))
+    return f"wrong numbers: {', '.join(wrong)}" if wrong else None
+
+
+def lanes_expected(values: np.ndarray) -> np.ndarray:
+    """What probe_lanes.cl finds: (7, n) of (n,) uint32."""
+    lanes = values.reshape(-1, LANES)
+    chosen = np.take_along_axis(lanes, (lanes >> 7).astype(np.int64) % LANES, 1)
+    all_alike = (((lanes & 1) << np.arange(LANES, dtype=np.uint32)).sum(1), lanes[:, 5], lanes.min(1))
+    ballot, broadcast, least = (np.repeat(value.astype(np.uint32), LANES) for value in all_alike)
+    as_float = (chosen >> 8).astype(np.float32).astype(np.uint32)
+    x, y, calls = values & 255, values >> 8 & 255, values & 1  # whole numbers that floats hold exactly
+    calculated = (calls * (2 * x + 1 + 3 * y + 2), calls * ((x + y) * x + 2))
+    return np.stack([ballot, broadcast, chosen.ravel(), as_float.ravel(), least, *calculated]).astype(np.uint32)
+
+
+def images_failure(device: cl.Device) -> str | None:
+    """Whether a kernel may write an image and read it again: None if so, else what is missing or went wrong."""
+    if not device.image_support:
+        return "it lacks images"
+    try:
+        context = cl.Context([device])
+        queue = cl.CommandQueue(context)
+        program = cl.Program(context, IMAGE_KERNEL.read_text()).build("-cl-std=CL1.2")
+        found = np.zeros((2, ITEMS, 4), np.float32)
+        for kind in (cl.channel_type.FLOAT, cl.channel_type.HALF_FLOAT):
+            texel = cl.ImageFormat(cl.channel_order.RGBA, kind)
+            flat, solid = (
+                cl.create_image(context, cl.mem_flags.READ_WRITE, texel, shape=shape)
+                for shape in ((ITEMS, 2), (ITEMS, 2, 2))
+            )
+            results = cl.Buffer(context, cl.mem_flags.READ_WRITE, found.nbytes)
+            kernel = cl.Kernel(program, "probe")
+            kernel(queue, (ITEMS,), (GROUP,), flat, flat, solid, solid, results, np.uint32(ITEMS))
+            cl.enqueue_copy(queue, found, results)
+            texels = np.stack([np.arange(ITEMS), *(np.full(ITEMS, c) for c in (1, 2, 3))], 1)
+            if not np.array_equal(found, [texels, -texels]):
+                return "wrong numbers"
+    except cl.Error as error:
+        return gist(str(error))
+    return None
 
 
 def loading_failure() -> str | None:
@@ -195,12 +271,17 @@ def _survives(attempt: Callable[[], bool]) -> bool:
     return os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1]) == 0
 
 
+FEATURES = {"lanes": lanes_failure, "images": images_failure}
+
+
 def main(arguments: list[str]) -> None:
-    """Print the verdict, as JSON behind ANSWER, on the device of the given index; without one, on loading the drivers."""
-    if arguments and sys.platform == "linux" and _survives(vectorise_loops):
+    """Print the verdict, as JSON behind ANSWER, on the device of the given index, or a feature of it; without one, on loading the
+    drivers."""
+    if len(arguments) == 1 and sys.platform == "linux" and _survives(vectorise_loops):
         vectorise_loops()
         print(f"\n{VECTORISED}", flush=True)
-    found = failure(devices()[int(arguments[0])]) if arguments else loading_failure()
+    prove = FEATURES[arguments[1]] if arguments[1:] else failure
+    found = prove(devices()[int(arguments[0])]) if arguments else loading_failure()
     print(f"\n{ANSWER}{json.dumps(found)}", flush=True)
 
 

@@ -9,9 +9,11 @@ in names; a name stands for the same number wherever it occurs, and for the valu
         uint n,
         float factor)
 
-`(*)` allows any shape; `or null` allows None. Work is one-dimensional: one work-item for each of `n` things, with
-surplus work-items in the last group, so that every kernel begins by leaving if its index is not below its count. A
-kernel whose scalars are all 0 therefore does nothing; that is how it is compiled for its work-group size ahead of use.
+`(*)` allows any shape; `or null` allows None. Images, `read_only image2d_t` or `write_only image3d_t`, are declared in the same
+way, (rows, columns, 4) or (layers, rows, columns, 4); one that a kernel reads and writes is two arguments. Arguments that
+depend on a define stand between lines `#if NAME`, `#else` and `#endif`. Work is one-dimensional: one work-item for each of
+`n` things, with surplus work-items in the last group, so that every kernel begins by leaving if its index is not below its count.
+A kernel whose scalars are all 0 therefore does nothing; that is how it is compiled for its work-group size ahead of use.
 """
 
 import re
@@ -27,6 +29,7 @@ import pyopencl.array as cl_array
 
 from . import layout
 from .errors import DeviceError
+from .image import Image
 
 SOURCE_FOLDER = Path(__file__).parent / "cl"
 
@@ -40,18 +43,21 @@ _KERNEL = re.compile(
 )
 _LOCAL_SIZE = re.compile(r"reqd_work_group_size\(\s*(\d+)\s*,\s*1\s*,\s*1\s*\)")
 _ARGUMENT = re.compile(
-    r"(?:(?P<pointer>__global|__constant)\s+)?(?:const\s+|volatile\s+)*(?P<type>[A-Za-z]+?)(?P<width>2|3|4|8|16)?\s*"
+    r"(?:(?P<pointer>__global|__constant)\s+)?(?:const\s+|volatile\s+)*"
+    r"(?:(?:read|write)_only\s+(?P<image>image[23]d)_t|(?P<type>[A-Za-z]+?)(?P<width>2|3|4|8|16)?)\s*"
     r"(?P<star>\*)?\s*(?:restrict\s+)?(?P<name>\w+)\s*(?:,|$)\s*(?://\s*\((?P<shape>[^)]*)\)\s*(?P<null>or null)?)?",
     re.MULTILINE,
 )
+_CONDITION = re.compile(r"^\s*#(?:if\s+(?P<name>\w+)|(?P<other>else|endif))\s*$")
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One declared argument. shape: entries are numbers or names; None for a scalar, () is never used; ("*",) is any."""
+    """One declared argument. shape: entries are numbers or names; None for a scalar, () is never used; ("*",) is any. dtype: None
+    for an image, which is of float32 or of float16."""
 
     name: str
-    dtype: np.dtype
+    dtype: np.dtype | None
     shape: tuple[int | str, ...] | None
     nullable: bool = False
 
@@ -65,14 +71,17 @@ class Signature:
     local_size: int | None = None
 
 
-def read_source(name: str) -> str:
-    """The text of `cl/<name>` with each include expanded where it first stands; `#line` keeps errors in the true files."""
+def read_source(name: str, generated: Mapping[str, str] | None = None) -> str:
+    """The text of `cl/<name>` with each include expanded where it first stands; `#line` keeps errors in the true files.
+    generated: the texts of files that are made up, and may be included like those of the folder, by name."""
     seen: set[str] = set()
+    made = generated or {}
 
     def expand(file: str) -> list[str]:
         seen.add(file)
         lines = [f'#line 1 "{file}"']
-        for number, line in enumerate((SOURCE_FOLDER / file).read_text(encoding="utf-8").splitlines(), start=1):
+        text = made[file] if file in made else (SOURCE_FOLDER / file).read_text(encoding="utf-8")
+        for number, line in enumerate(text.splitlines(), start=1):
             include = _INCLUDE.match(line)
             if include is None:
                 lines.append(line)
@@ -85,22 +94,37 @@ def read_source(name: str) -> str:
     return "\n".join(expand(name)) + "\n"
 
 
-def read_signatures(source: str) -> dict[str, Signature]:
+def read_signatures(source: str, defines: Mapping[str, int | float | bool] | None = None) -> dict[str, Signature]:
     """The kernels that a source declares, by name. Raises ValueError where an argument breaks the conventions."""
     signatures = {}
     for kernel in _KERNEL.finditer(source):
-        arguments = tuple(_read_argument(kernel["name"], match) for match in _ARGUMENT.finditer(kernel["arguments"]))
+        declared = _without_excluded(kernel["arguments"], defines or {})
+        arguments = tuple(_read_argument(kernel["name"], match) for match in _ARGUMENT.finditer(declared))
         local_size = _LOCAL_SIZE.search(kernel["attribute"] or "")
         signatures[kernel["name"]] = Signature(kernel["name"], arguments, int(local_size[1]) if local_size else None)
     return signatures
 
 
+def _without_excluded(arguments: str, defines: Mapping[str, int | float | bool]) -> str:
+    """The lines of an argument list that its conditions leave."""
+    lines, is_in = [], True
+    for line in arguments.splitlines():
+        condition = _CONDITION.match(line)
+        if condition is None:
+            lines += [line] if is_in else []
+        elif condition["name"]:
+            is_in = bool(defines.get(condition["name"]))
+        else:
+            is_in = condition["other"] == "endif" or not is_in
+    return "\n".join(lines)
+
+
 def _read_argument(kernel: str, match: re.Match) -> Argument:
     scalar = _SCALARS.get(match["type"])
     dtype = np.dtype(scalar) if scalar else layout.STRUCTS.get(match["type"])
-    if dtype is None:
+    if dtype is None and not match["image"]:
         raise ValueError(f"kernel {kernel}: argument {match['name']} has the unknown type {match['type']}")
-    if not match["star"]:
+    if not match["star"] and not match["image"]:
         return Argument(match["name"], dtype, None)
     if match["shape"] is None:
         raise ValueError(f"kernel {kernel}: argument {match['name']} lacks its shape")
@@ -139,9 +163,12 @@ class Kernel:
     def warm_up(self) -> None:
         """Have the driver compile the kernel for its work-group size, without doing any work."""
         arguments = self.signature.arguments
-        self._enqueue(
-            [np.zeros((), a.dtype)[()] if a.shape is None else None for a in arguments], self.local_size
-        ).wait()
+        self._enqueue([self._nothing(a) for a in arguments], self.local_size).wait()
+
+    def _nothing(self, argument: Argument) -> object:
+        if argument.dtype is None:  # no image is none
+            return Image(self._queue, (1,) * (len(argument.shape) - 1) + (4,), np.float32).base_data
+        return np.zeros((), argument.dtype)[()] if argument.shape is None else None
 
     def _enqueue(self, values: list[object], global_size: int) -> cl.Event:
         try:
@@ -184,15 +211,19 @@ def _as_scalar(place: str, argument: Argument, value: object) -> np.generic:
     return argument.dtype.type(value)
 
 
-def _as_buffer(place: str, argument: Argument, value: object, sizes: dict[str, tuple[int, str]]) -> cl.Buffer | None:
+def _as_buffer(
+    place: str, argument: Argument, value: object, sizes: dict[str, tuple[int, str]]
+) -> cl.MemoryObject | None:
     if value is None and argument.nullable:
         return None
-    if not isinstance(value, cl_array.Array):
-        raise TypeError(f"{place} is {type(value).__name__}, not an array of the device")
-    if value.dtype != argument.dtype:
-        raise TypeError(f"{place} has dtype {value.dtype}, not {argument.dtype}")
-    if value.offset or not value.flags.c_contiguous:
-        raise ValueError(f"{place} is a view; kernels take whole arrays in C order")
+    kind = Image if argument.dtype is None else cl_array.Array
+    if not isinstance(value, kind):
+        raise TypeError(f"{place} is {type(value).__name__}, not an {kind.__name__.lower()} of the device")
+    if argument.dtype is not None:
+        if value.dtype != argument.dtype:
+            raise TypeError(f"{place} has dtype {value.dtype}, not {argument.dtype}")
+        if value.offset or not value.flags.c_contiguous:
+            raise ValueError(f"{place} is a view; kernels take whole arrays in C order")
     if argument.shape != ("*",):
         if len(value.shape) != len(argument.shape):
             raise ValueError(f"{place} has shape {value.shape}, not {_shape_text(argument.shape)}")
@@ -215,13 +246,14 @@ def _shape_text(shape: tuple[int | str, ...]) -> str:
 
 
 class Program:
-    """The kernels of one source file, built for one device with one set of defines. `seconds`: what the build took."""
+    """The kernels of one source file, built for one device with one set of defines. generated: as of `read_source`. `seconds`:
+    what the build took."""
 
     def __init__(self, context: cl.Context, queue: cl.CommandQueue, options: list[str], local_size: int, name: str,
-                 defines: Mapping[str, int | float | bool]):  # fmt: skip
+                 defines: Mapping[str, int | float | bool], generated: Mapping[str, str] | None = None):  # fmt: skip
         self.name = name
         text = "".join(f"#define {key} {_literal(value)}\n" for key, value in sorted(defines.items()))
-        text += layout.source() + read_source(name)
+        text += layout.source() + read_source(name, generated)
         start = time.perf_counter()
         try:
             with warnings.catch_warnings():  # drivers that have something to say of every build
@@ -232,7 +264,8 @@ class Program:
             failure.add_note(str(error))
             raise failure from error
         self._kernels = {
-            s.name: Kernel(queue, cl.Kernel(built, s.name), s, local_size) for s in read_signatures(text).values()
+            s.name: Kernel(queue, cl.Kernel(built, s.name), s, local_size)
+            for s in read_signatures(text, defines).values()
         }
         for kernel in self._kernels.values():
             kernel.warm_up()

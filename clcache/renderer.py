@@ -20,6 +20,8 @@ from .methods import METHODS, MethodSetup, PathState
 from .output.aov import AOVS
 from .output.state import StateFile, write_state
 from .passes.filter import Filter
+from .passes.materials import COUNTERS as MEMO_COUNTERS
+from .passes.materials import LEVELS as MEMO_LEVELS
 from .passes.trace import path_count
 from .random import stream_key
 from .resources import SceneResources
@@ -73,7 +75,8 @@ class Renderer:
     error that the pixels' variance lets expect (mean of variance / (colour^2 + 0.01)) is below this, `spp` being the most;
     the estimate counts samples as independent, and so is too high for a low-discrepancy sampler. on_compile: called with a
     program's name before it is built. temporal: one of TEMPORALS, how a frame's image is joined with those of the frames
-    before; by default as the method has it. stereo_blend: one of STEREO_BLENDS, how the eyes share what they know. What is
+    before; by default as the method has it. stereo_blend: one of STEREO_BLENDS, how the eyes share what they know. memo: one of
+    MEMOS, how values of material graphs are kept; "off" by default, and without effect where the scene has no graphs. What is
     None is as the scene says, else the default. The device's memory is checked before anything is allocated. Caches are
     empty at first and outlive a call of `frames`: the next one goes on with what the last frame left, whatever its
     number; but the history of a temporal filter ends where a frame is not the one after the last.
@@ -99,6 +102,7 @@ class Renderer:
         on_compile: Callable[[str], None] | None = None,
         stereo_blend: str | None = None,
         temporal: str | None = None,
+        memo: str | None = None,
     ):
         defaults = scene.defaults
         self.scene = scene
@@ -113,6 +117,7 @@ class Renderer:
         default = settings_module.DEFAULT_TEMPORALS.get(self.method, "none")
         self.temporal = _known("temporal", _first(temporal, default), settings_module.TEMPORALS)
         self.stereo_blend = _known("stereo_blend", _first(stereo_blend, "none"), settings_module.STEREO_BLENDS)
+        self.memo = _known("memo", _first(memo, "off"), settings_module.MEMOS)
         if self.stereo_blend != "none" and len(self.eyes) < 2:
             raise SettingError(f"stereo_blend {self.stereo_blend}: there is one eye; expected stereo")
         self.settings = settings_module.resolve(defaults.settings, settings or {})
@@ -120,7 +125,7 @@ class Renderer:
 
         self.device = Device(device, threads, self.settings["device.local_size"], on_compile)
         self._resources = SceneResources(self.device, scene)
-        setup = MethodSetup(self.device, self._resources, self.size, self.settings, self.stereo_blend)
+        setup = MethodSetup(self.device, self._resources, self.size, self.settings, self.stereo_blend, self.memo)
         self._parts = parts = METHODS[self.method](setup)
         self._temporal = self._temporal_filter()
         self._stereo = self._stereo_filter()
@@ -140,6 +145,7 @@ class Renderer:
         self._last: int | None = None
         self._is_whole = True
         self._updates = dict.fromkeys(self.eyes, 0)
+        self._memo_counts: dict[str, int] = {}  # of the eye's frame, so far
         self._render_seconds = 0.0
 
     def _checked_spp(self, spp: int | None) -> int:
@@ -197,6 +203,7 @@ class Renderer:
         outputs = {"color", "ray_counts"} | {f"aov_{name}" for name in self.aovs} & {b.name for b in parts.buffers}
         outputs |= {"aov_variance"} if self.until_relmse is not None else set()
         outputs |= {"counters"} if parts.counters else set()
+        outputs |= {"memo_counters"} if parts.memo else set()
         read = {name.removeprefix(_OTHER) for f in self._filters for name in f.inputs(self.aovs)}
         return outputs | (read - {b.name for f in self._filters for b in f.buffers})
 
@@ -231,7 +238,18 @@ class Renderer:
     @property
     def has_state(self) -> bool:
         """Whether a frame depends on those before it."""
-        return self._is_cached or self.temporal != "none"
+        return self._is_cached or self.temporal != "none" or self._memo_shows
+
+    @property
+    def keeps_world(self) -> bool:
+        """Whether there is anything that another sequence could begin with."""
+        return bool(self._parts.world)
+
+    @property
+    def _memo_shows(self) -> bool:
+        """Whether images depend on what is memoized, and when: else its values are those that would be computed anew."""
+        is_free = self.memo == "texel" and not self.settings["memo.snap"]
+        return self._parts.memo is not None and (is_free or self.settings["memo.auto"])
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the state after the last frame to a file, whole or not at all: all that the next frame depends on.
@@ -303,6 +321,7 @@ class Renderer:
             "version": __version__,
             "content of the scene": self._scene_digest,
             "method": self.method,
+            "memo": self.memo,
             "settings": {n: v for n, v in self.settings.items() if _group(n) not in settings_module.IMAGE_SETTINGS},
         }
 
@@ -344,6 +363,7 @@ class Renderer:
             "seed": self.seed,
             "temporal": self.temporal,
             "stereo_blend": self.stereo_blend,
+            "memo": {"kind": self.memo, "materials": self._parts.memo.report() if self._parts.memo else []},
             "size": list(self.size),
             "features": self._resources.features,
             "memory": {
@@ -353,6 +373,7 @@ class Renderer:
                 "total": device.allocated,
             },
             "seconds": {
+                "graphs": self._resources.graph_seconds,
                 "bvh_build": self._resources.trees.seconds,
                 "compile": device.compile_seconds,
                 "render": self._render_seconds,
@@ -388,7 +409,11 @@ class Renderer:
         states = {eye: self._state(index, number, before, cameras[eye]) for index, eye in enumerate(self.eyes)}
         for index, eye in enumerate(self.eyes):
             part = None if progress is None else lambda p, index=index: progress((index + p) / len(self.eyes))
+            self._memo_counts = {}
             stats[eye] = (self._update if self._is_cached else self._sample)(eye, states[eye], part)
+            if self._parts.memo:
+                stats[eye]["cache"] = self._memo_counts | stats[eye]["cache"]
+                stats[eye]["memo"] = self._memo_counts
             aovs[eye] = self._aovs_of(self._graph, eye)
             color[eye] = self._graph.of(eye)["color"]
             if self._temporal:
@@ -403,6 +428,8 @@ class Renderer:
             _add(stats[eye]["passes"], self._stereo_graph.run(state, eye=eye, inputs=self._pair_inputs(eye)))
             aovs[eye] |= self._aovs_of(self._stereo_graph, eye)
             color[eye] = self._shaped(self._stereo_graph.of(eye)[self._stereo.output])
+        if self._parts.memo:
+            self._parts.memo.observe(self._graph.of(self.eyes[-1]))
         return color, aovs, stats
 
     @property
@@ -469,7 +496,12 @@ class Renderer:
         """Run the method's passes once for an eye: seconds by pass."""
         update = self._updates[eye]
         self._updates[eye] += 1
-        return self._graph.run(replace(state, update=update), progress, eye)
+        seconds = self._graph.run(replace(state, update=update), progress, eye)
+        if self._parts.memo:
+            found = dict(zip(MEMO_COUNTERS, self._graph.of(eye)["memo_counters"].get().tolist(), strict=True))
+            _add(self._memo_counts, found)
+            self._memo_counts |= {name: found[name] for name in MEMO_LEVELS}
+        return seconds
 
     def _eye_camera(self, index: int, seconds: float) -> Camera:
         """The camera at a time, moved along its x axis to the eye's place; eyes look in parallel."""

@@ -214,6 +214,103 @@ SETTINGS: dict[str, Setting] = {
         ),
         Setting("stereo.beta", 0.5, "weight of the own eye's colour, of --stereo-blend constant", 0, 1),
         Setting(
+            "memo.capacity",
+            0,
+            "texels, or tiles, that the cache of material graphs has room for: a larger one forgets less, and takes memory; 0: as many"
+            " as hold 2^21 texels",
+            0,
+            2**28,
+        ),
+        Setting(
+            "memo.probe",
+            8,
+            "places of the cache that a texel or tile may be at: more of them fill the table better, and take longer to search",
+            1,
+            64,
+        ),
+        Setting(
+            "memo.eviction",
+            "lru-frame",
+            "what makes room where all places are taken: nothing, so that what is new is discarded; a place at random; or what was"
+            " written (lrw) or used (lru) longest ago, by the frame, or by a counter that tells more apart and is written more often",
+            choices=("none", "random", "lrw-frame", "lru-frame", "lrw-counter", "lru-counter"),
+        ),
+        Setting(
+            "memo.tile",
+            "4x4",
+            "texels of a tile, width x height, with those that neighbours share under memo.filter=bilinear: larger tiles are missed"
+            " less often, and have more texels that nothing asks for",
+            choices=("2x2", "3x3", "4x4", "5x5", "6x5", "8x4"),
+        ),
+        Setting(
+            "memo.filter",
+            "nearest",
+            "how tiles are read: the nearest texel, or four of them, which is smoother, takes longer, and stores a row and a column twice",
+            choices=("nearest", "bilinear"),
+        ),
+        Setting(
+            "memo.snap",
+            True,
+            "of --memo texel: evaluate graphs at the texel's own place, so that images repeat bit for bit; else where the first hit in"
+            " it lies, which shows less of a grid, and depends on the order of threads",
+        ),
+        Setting(
+            "memo.bias",
+            0.0,
+            "added to the level of detail of texels: 1 halves their width, which is sharper, and fills the cache four times as fast",
+            -4,
+            4,
+        ),
+        Setting(
+            "memo.primary",
+            True,
+            "whether hits of camera rays are memoized, too; else the cache blurs only what is seen by way of other surfaces",
+        ),
+        Setting(
+            "memo.precision",
+            "float",
+            "how values are stored; as half they take half the memory, and keep 11 bits",
+            choices=("float", "half"),
+        ),
+        Setting(
+            "memo.auto",
+            True,
+            "memoize only graphs that get faster by it: by times that are measured before the first frame, and by the hits since; two runs"
+            " may decide differently, and so differ in the image",
+        ),
+        Setting(
+            "memo.read",
+            "counter",
+            "how a reader knows that an entry was not written meanwhile: by its key, read before and after, or by a counter of its writes,"
+            " which also tells where the same key came back",
+            choices=("key", "counter"),
+        ),
+        Setting(
+            "memo.layout",
+            "buffer",
+            "where tiles are stored, which changes only the speed: behind their keys, in a buffer of their own, or in images",
+            choices=("entry", "buffer", "image2d", "image3d"),
+        ),
+        Setting(
+            "memo.builder",
+            "serial",
+            "how a tile is built, which changes only the speed: by one work-item after the other, or by the lanes of a sub-group together",
+            choices=("lanes", "serial"),
+        ),
+        Setting(
+            "memo.grouped",
+            False,
+            "of memo.builder=lanes: build tiles of the same graph together, which spares lanes waiting and costs the sorting; images stay"
+            " the same",
+        ),
+        Setting(
+            "memo.passes",
+            "1",
+            "whether hits are looked up all at once; in 2 or 4 turns, of which later ones find what earlier ones stored; or, of pathtrace,"
+            " after the paths of one pixel of each 2x2, 4x4 or 8x8, which fill the cache: less is evaluated twice, for more launches",
+            choices=("1", "2", "4", "prepass2", "prepass4", "prepass8"),
+        ),
+        Setting(
             "device.local_size",
             64,
             "work-items in a work-group of kernels that do not prescribe it; no effect on the image",
@@ -231,6 +328,8 @@ DEFAULT_TEMPORALS = {"voxelhash": "varianceblend"}  # by method; of the others n
 
 # Groups of settings that the caches of the world know nothing of: those of the device, and of filters of images.
 IMAGE_SETTINGS = ("device", "temporal", "taa", "varianceblend", "stereo")
+
+MEMOS = ("off", "texel", "tile")  # how values of material graphs can be kept
 
 STEREO_BLENDS = ("none", "constant", "varianceblend", "samples")  # what a stereo render can join the eyes by
 

@@ -82,9 +82,10 @@ def test_stats(scene):
     assert stats["scene"] == {"file": "test", "triangles": 2 + 320 + 320 + 2, "instances": 4, "materials": 3}
     assert stats["method"] == "pathtrace"
     assert stats["settings"] == {name: s.default for name, s in SETTINGS.items()}
+    assert stats["memo"] == {"kind": "off", "materials": []}
     assert stats["memory"].keys() == {"bvh", "textures", "cache", "total"}
     assert 0 < stats["memory"]["bvh"] + stats["memory"]["textures"] < stats["memory"]["total"]
-    assert stats["seconds"].keys() == {"bvh_build", "compile", "render"}
+    assert stats["seconds"].keys() == {"graphs", "bvh_build", "compile", "render"}
     assert stats["seconds"]["render"] == pytest.approx(sum(f["seconds"] for f in frames))
     for number, frame in enumerate(stats["frames"]):
         assert frame["frame"] == number
@@ -128,6 +129,9 @@ def test_programs_are_announced_before_they_are_built(scene):
         ({"seed": -1}, "seed -1: expected 0 .. "),
         ({"seed": 2**64}, "seed 18446744073709551616: expected 0 .. "),
         ({"method": "magic"}, "method magic: unknown; there is pathtrace"),
+        ({"memo": "texels"}, "memo texels: unknown; there is off, texel, tile"),
+        ({"settings": {"memo.tile": "9x9"}}, "setting memo.tile: '9x9' is not a str in range; expected 2x2, 3x3, 4x4"),
+        ({"settings": {"memo.probes": 3}}, "setting memo.probes: unknown; did you mean memo.probe?"),
         (
             {"aovs": ("Z", "depth")},
             "AOV depth: unknown; there is albedo, N, variance, samples, ",

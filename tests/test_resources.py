@@ -1,13 +1,16 @@
 """What of a scene is uploaded, in which form, and what is left out."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from graph_materials import by_graph
 from render_helpers import BLACK, ball, checkered, everything, floor, grey, lit, shape_mesh, view
 
 from clcache.device import Device
 from clcache.errors import DeviceError
+from clcache.graph import OUTPUTS
 from clcache.resources import SceneResources, srgb_to_linear
 from clcache.scene.generators import plane
 from clcache.scene.model import (
@@ -53,10 +56,10 @@ def test_what_a_scene_lacks_is_not_there(device):
 def test_all_that_a_scene_has_is_there(device):
     maps = textured(base_color=0, metallic_roughness=0, normal=0, emission=0)
     glass = replace(maps, emission=(1.0, 1.0, 1.0), alpha_cutoff=0.5, transmission=0.5)
-    scene = replace(everything(), materials=(glass,) * 3, environment=SKY)
+    scene = replace(everything(), materials=(glass, glass, by_graph("base_color")), environment=SKY)
     resources = SceneResources(device, scene)
     assert all(resources.features.values())
-    assert resources.emitter_count == 3 + scene.triangle_count + 1
+    assert resources.emitter_count == 3 + scene.triangle_count - 2 + 1
     assert resources.arrays["uvs"].shape[1] == 2
     assert resources.arrays["normals"].shape == resources.arrays["positions"].shape
 
@@ -76,6 +79,12 @@ def test_all_that_a_scene_has_is_there(device):
         ({"materials": (Material("m", specular=0.5),)}, {"HAS_SPECULAR"}),
         ({"materials": (Material("m", metallic=0.5),)}, {"HAS_SPECULAR"}),
         ({"materials": (Material("m", transmission=0.5),)}, {"HAS_SPECULAR", "HAS_TRANSMISSION"}),
+        ({"materials": (by_graph("base_color"),)}, {"HAS_GRAPHS", "HAS_TEXTURES"}),
+        ({"materials": (by_graph("roughness"),)}, {"HAS_GRAPHS", "HAS_TEXTURES"}),
+        ({"materials": (by_graph("metallic"),)}, {"HAS_GRAPHS", "HAS_TEXTURES", "HAS_SPECULAR"}),
+        ({"materials": (by_graph("specular"),)}, {"HAS_GRAPHS", "HAS_TEXTURES", "HAS_SPECULAR"}),
+        ({"materials": (by_graph("normal"),)}, {"HAS_GRAPHS", "HAS_TEXTURES", "HAS_NORMAL_MAPS"}),
+        ({"materials": (by_graph("emission"),)}, {"HAS_GRAPHS", "HAS_TEXTURES", "HAS_EMISSIVE", "HAS_EMISSION"}),
         ({"materials": (Material("m", alpha_cutoff=0.5),)}, {"HAS_ALPHA"}),
         ({"materials": (Material("m", alpha_cutoff=0.0),)}, set()),
         (
@@ -105,12 +114,12 @@ def test_materials(device):
     records = SceneResources(device, scene).arrays["materials"].get()
     for record, material in zip(records, scene.materials, strict=True):
         for name in records.dtype.names:
-            if not name.endswith("_map") and name != "emitter_density":
+            if not name.endswith("_map") and name not in ("emitter_density", "graph", "outputs"):
                 value = getattr(material, name)
                 np.testing.assert_array_equal(
                     record[name], np.asarray(0 if value is None else value, record[name].dtype)
                 )
-    maps = ["base_color_map", "metallic_roughness_map", "emission_map", "normal_map"]
+    maps = ["base_color_map", "metallic_roughness_map", "emission_map", "normal_map", "graph", "outputs"]
     assert all((records[name] == -1).all() for name in maps)
 
 
@@ -131,6 +140,66 @@ def test_uses_of_textures(device):
             if use is not None:
                 assert uses[number]["texture"] == use.index
                 np.testing.assert_array_equal(uses[number]["transform"], np.float32(use.transform))
+
+
+# Graphs
+
+
+def test_places_of_a_graphs_values(device):
+    """Packed in the order of OUTPUTS, whatever a graph lacks; -1 for what is not driven, and where there is no graph."""
+    some = ("emission", "metallic", "normal")
+    materials = [by_graph(*OUTPUTS), grey(0.5), by_graph(*some), by_graph("specular_color", "specular", scale=2.0)]
+    resources = SceneResources(device, lit(floor(), camera=CAMERA, materials=materials))
+    records = resources.arrays["materials"].get()
+    assert list(records["graph"]) == [0, -1, 1, 2]
+    none = [-1] * 7
+    assert records["outputs"].tolist() == [
+        [0, 3, 4, 5, 6, 9, 12],
+        none,
+        [-1, 0, -1, -1, -1, 1, 4],
+        [-1, -1, -1, 0, 1, -1, -1],
+    ]
+    assert resources.graph_channels == resources.defines["GRAPH_CHANNELS"] == 15
+    assert resources.graphs == tuple(m.graph for m in materials if m.graph)
+    assert "graph_2" in resources.graph_source and "graph_3" not in resources.graph_source
+    assert "emission" not in resources.graph_source
+
+
+def test_equal_graphs_are_one(device):
+    """By what they compute, and of which pictures; not by where they are written."""
+    first, same, other = (by_graph("base_color", scale=s, textures=1) for s in (3.0, 3.0, 4.0))
+    elsewhere = replace(same, graph_textures=(TextureUse(1),), roughness=0.5)
+    materials, textures = [first, same, other, elsewhere], [checkered(2), checkered(4)]
+    resources = SceneResources(device, lit(floor(), camera=CAMERA, materials=materials, textures=textures))
+    assert list(resources.arrays["materials"].get()["graph"]) == [0, 0, 1, 2]
+    assert len(resources.graphs) == 3
+    assert list(resources.arrays["uses"].get()["texture"]) == [0, 0, 1]
+
+
+def test_pictures_of_graphs_are_numbered_after_those_of_maps(device):
+    """The generated text names the uses as they are uploaded."""
+    maps = Material("m", base_color_texture=TextureUse(2), normal_texture=TextureUse(0))
+    graph = by_graph(textures=2)
+    scene = lit(floor(), camera=CAMERA, materials=[graph, maps], textures=[checkered(2), checkered(4), checkered(8)])
+    resources = SceneResources(device, scene)
+    uses = resources.arrays["uses"].get()
+    named = [int(n) for n in re.findall(r"Image\(maps, (\d+),", resources.graph_source)]
+    assert [uses[n]["texture"] for n in named] == [0, 1] and sorted(named) == [2, 3]
+
+
+def test_a_graph_needs_texture_coordinates_but_no_pictures(device):
+    scene = lit(without_uvs(floor()), camera=CAMERA, materials=[by_graph("base_color")])
+    resources = SceneResources(device, scene)
+    assert {"uvs", "uses", "textures", "texels", "srgb"} <= resources.arrays.keys()
+    assert not resources.arrays["uvs"].get().any() and resources.arrays["texels"].size == 1
+
+
+def test_light_of_graphs_has_no_chance_of_being_sampled(device):
+    """Beside lamps that have one, and whatever else is said of its emission."""
+    by_rays = by_graph("emission", emission=(9.0, 9.0, 9.0))
+    scene = replace(everything(), materials=(by_rays, grey(0.5, 1.0), grey(0.0, 3.0)))
+    records = SceneResources(device, scene).arrays["materials"].get()
+    assert records["emitter_density"][0] == 0 and (records["emitter_density"][1:] > 0).all()
 
 
 def test_materials_of_triangles_of_several_meshes(device):

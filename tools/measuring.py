@@ -46,6 +46,7 @@ class Configuration:
     against: str | None = None
     temporal: str = "none"
     stereo_blend: str = "none"
+    memo: str = "off"
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -68,6 +69,7 @@ def renderer(
         threads=args.threads,
         temporal=configuration.temporal,
         stereo_blend=configuration.stereo_blend,
+        memo=configuration.memo,
     )
 
 

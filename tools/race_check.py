@@ -249,6 +249,144 @@ def hybrid() -> None:
     _cached("hybrid", "constant", "taa", ("albedo", "N", "Z", "samples", "trace"), **few, **table)
 
 
+def lanes() -> None:
+    """What lanes tell each other (cl/common/lane_group.cl)."""
+    import numpy as np
+
+    from clcache.device import Device
+    from clcache.probe import lanes_expected
+
+    device = Device("oclgrind")
+    source = '#include "common/lane_group.cl"\n#include "probe_lanes.cl"\n'
+    values = np.random.default_rng(1).integers(0, 2**32, 96, dtype=np.uint32)
+    found = device.empty((7, 96), np.uint32)
+    device.program("lanes.cl", {"lanes.cl": source})["probe"].run(
+        96, {"value": device.upload(values), "found": found}, n=96
+    )
+    assert np.array_equal(found.get(), lanes_expected(values))
+
+
+def tiles() -> None:
+    """A group of lanes builds tiles (cl/memo/tile.cl), finds them again, and meets those of others in their places. (Groups that run
+    at once race for the table by design; so there is one.)"""
+    import numpy as np
+
+    from clcache.device import Device
+    from clcache.passes.tiles import tile_buffers, tile_defines
+    from clcache.settings import SETTINGS
+
+    device, n, capacity, channels = Device("oclgrind"), 30, 40, 5
+    graph = """
+#include "graph/types.cl"
+#include "scene/maps.cl"
+
+NOINLINE void evaluate_graph(uint graph, const GraphInputs *in, const Maps *maps, float *out)
+{
+    for (uint c = 0; c < 3 + graph; c++) out[c] = in->uv.v.x + (float)c;
+}
+"""
+    chosen = {"memo.tile": "3x3", "memo.filter": "bilinear", "memo.builder": "lanes", "memo.grouped": True}
+    settings = {name: s.default for name, s in SETTINGS.items()} | chosen
+    table = {"READ_COUNTER": 1, "EVICTION": 3, "HALF": 0, "VALUE_WORDS": channels, "RECORD_WORDS": 4, "TILED": 1}
+    defines = {**table, **tile_defines(settings, 4, channels), "GRAPH_CHANNELS": channels, "NATIVE_SUBGROUPS": 0}
+    kernel = device.program("memo/tile.cl", {"graph/generated.cl": graph}, **defines)["look_up_tiles"]
+    kept = {b.name: np.zeros(b.shape, b.dtype) for b in tile_buffers(settings, channels, capacity, n) if b.persistent}
+    kept |= {"memo_records": np.zeros((capacity, defines["RECORD_STRIDE"]), np.uint32)}
+    kept |= {"memo_counters": np.zeros(10, np.uint32), "memo_graph_count": np.zeros((3, 2), np.uint32)}
+    arrays = {name: device.upload(values) for name, values in kept.items()}
+    hits, values = np.arange(n), device.upload(np.zeros((channels, n), np.float32))
+    for first in (0, 0, 30):
+        tile, levels = first + hits // 2, np.full(n, 28 | 28 << 8)  # the footprint's and the texels': 2^-4
+        requests = {
+            "alive": np.uint32([n]),
+            "memo_place": np.uint32(tile % capacity),
+            "memo_check": np.uint32(tile + 100),
+            "memo_cell": np.int32([tile, -tile, levels, hits // 2 % 3]),
+            "memo_within": np.float32([hits % 5 / 4, hits % 3 / 2]),
+        }
+        sent = {name: device.upload(array) for name, array in requests.items()}
+        scalars = {"capacity": capacity, "probe": 1, "stamp": first + 1, "turn": 0, "turns": 1, "n": n}
+        kernel.run(n, sent, arrays, graph_value=values, **scalars)
+        assert np.array_equal(values.get()[0], (2 * tile + hits % 5 / 4 + 0.5) / 16)
+    lookups, found, inserted, evicted = arrays["memo_counters"].get()[:4].tolist()
+    assert (lookups, found, inserted) == (3 * n, n, n) and evicted == 5
+
+
+_GRAPH = """
+UVInput Out>0; Float2Constant 9 7 Out>1; Dot A<0 B<1 Out>2; Fract In<2 Out>3; RoughnessOutput In<3;
+Float3Constant 0.3 0.6 0.9 Out>4; Mul A<3 B<4 Out>5; ColorOutput In<5;
+"""
+
+
+def _graphs(memo: str, size: tuple[int, int] = (4, 4), **settings: object) -> None:
+    """Two frames, of both eyes, of materials by graph, kept in a table so small that entries are evicted."""
+    import numpy as np
+
+    from clcache.graph import compile_graph
+    from clcache.graph.library import library
+    from clcache.graph.text import parse
+    from clcache.renderer import Renderer
+    from clcache.scene.model import Material
+
+    scene = _scene()
+    texts = {
+        "of coordinates": _GRAPH,
+        "of places": _GRAPH.replace("UV", "Position").replace("Float2Constant 9 7", "Float3Constant 9 7 5"),
+    }
+    by_graph = [
+        Material(n, specular=1.0, graph=compile_graph(parse(t, f"{n}.graph", library()))) for n, t in texts.items()
+    ]
+    scene = replace(scene, materials=(*by_graph, scene.materials[2]))
+    if memo == "texel":  # half of the sheet is a single texel, so that some are found again
+        sheet, *others = scene.meshes
+        uvs = sheet.uvs * np.float32(sheet.uvs[:, :1] > 0)
+        scene = replace(scene, meshes=(replace(sheet, uvs=uvs), *others))
+    settings = {f"memo.{name}": value for name, value in settings.items()}
+    settings |= {
+        "memo.auto": False,
+        "memo.capacity": 8,
+        "memo.probe": 2,
+        "pathtrace.sampler": "independent",
+        "pathtrace.bounces": 1,
+    }
+    settings |= {"device.local_size": 8}
+    renderer = Renderer(scene, size=size, spp=1, stereo=True, memo=memo, settings=settings, device="oclgrind")
+    values = renderer._graph.of("left")["graph_value"]
+    values.set(
+        np.zeros(values.shape, values.dtype)
+    )  # where rays miss, whoever shades reads them all the same, to no effect
+    frames = list(renderer.frames(0, 2))
+    assert all(0 < color.mean() < 100 for color in frames[-1].color.values())
+    counted = [eye["memo"] for frame in frames for eye in frame.stats["eyes"].values()]
+    assert all(sum(eye[name] for eye in counted) > 0 for name in ("hits", "inserted", "evicted"))
+
+
+def graph_texels() -> None:
+    """What graphs return, kept by texels (cl/memo): of so few hits that one work-item sees them all, for what several do at once races by
+    design (`graph_texels_at_once`)."""
+    _graphs("texel", eviction="lru-counter")
+
+
+def graph_texels_as_halves() -> None:
+    """The same at the hits themselves, in half precision."""
+    _graphs("texel", snap=False, precision="half", read="key", eviction="random")
+
+
+def graph_tiles() -> None:
+    """The same by tiles, which one work-item builds."""
+    _graphs("tile", tile="2x2")
+
+
+def graph_tiles_in_entries() -> None:
+    """The same of tiles that overlap, beside their keys."""
+    _graphs("tile", tile="3x3", layout="entry", filter="bilinear", precision="half")
+
+
+def graph_texels_at_once() -> None:
+    """Texels of more hits, by many: it races by design, and so is left out unless named."""
+    _graphs("texel", (12, 8))
+
+
 def single_pass() -> None:
     """The same in one pass, which races by design, and so is left out unless named."""
     _cached("samplecache", slots=2, target=2.0, tolerance=0.0, reprojection="single-pass")
@@ -286,10 +424,14 @@ def uninitialised() -> None:
 
 
 CASES: dict[str, Callable[[], None]] = {
-    f.__name__: f for f in (trees, render, samplecache, two_pass, isrt, voxelhash, hybrid)
+    f.__name__: f
+    for f in (
+        *(trees, render, samplecache, two_pass, isrt, voxelhash, hybrid, lanes, tiles),
+        *(graph_texels, graph_texels_as_halves, graph_tiles, graph_tiles_in_entries),
+    )
 }
 DEFECTS: dict[str, Callable[[], None]] = {f.__name__: f for f in (racy, outside, uninitialised)}
-RACING: dict[str, Callable[[], None]] = {f.__name__: f for f in (single_pass,)}
+RACING: dict[str, Callable[[], None]] = {f.__name__: f for f in (single_pass, graph_texels_at_once)}
 
 
 def main(arguments: list[str]) -> int:

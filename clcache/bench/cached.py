@@ -17,7 +17,7 @@ def cached(method: str, job: Job) -> Iterator[Result]:
     """Seconds of each pass in the frames of a scene's own motion, and of the whole frame, rendered by either method in turn.
     Raises SettingError where the scene has fewer frames than are to be measured."""
     for name, scene in job.loaded(*USUAL):
-        first, last = _measured(scene, job.repeats)
+        first, last = measured_frames(scene, job.repeats)
         options = {"size": job.size, "stereo": False, "spp": 1, "seed": 1, "device": job.device, "threads": job.threads}
         rivals = [Renderer(scene, rival, temporal="none", **options) for rival in (method, "pathtrace")]
         running = [renderer.frames(first, last) for renderer in rivals]
@@ -34,7 +34,7 @@ def cached(method: str, job: Job) -> Iterator[Result]:
 samplecache, voxelhash, hybrid = (partial(cached, method) for method in ("samplecache", "voxelhash", "hybrid"))
 
 
-def _measured(scene: Scene, repeats: int) -> tuple[int, int]:
+def measured_frames(scene: Scene, repeats: int) -> tuple[int, int]:
     """The frames to render. Behind the scene's own range things stand still, which is the easiest case."""
     first, end = scene.defaults.frames
     last, moving = first + FILLED + repeats, (scene.camera, *scene.instances)

@@ -20,6 +20,7 @@ from .build import build, sort
 from .cached import hybrid, samplecache, voxelhash
 from .filters import filters
 from .job import Job
+from .memo import memo
 from .pathtrace import pathtrace
 from .rays import rays
 from .reproject import reproject
@@ -47,6 +48,7 @@ FAMILIES = {
     "voxelhash": Family("each pass of a frame by voxels in a hash table, beside a path-traced frame", voxelhash),
     "hybrid": Family("each pass of a frame by voxels at cached first hits, beside a path-traced frame", hybrid),
     "table": Family("lookups that hit, lookups that miss, and insertions, in hash tables of several loads", table),
+    "memo": Family("material graphs and their memoization: lookups by variant, costs of graphs, frames", memo),
     "filters": Family("each pass of the temporal and stereo filters of images", filters),
     "reproject": Family("the passes of a sample cache's forward reprojection, in its three variants", reproject),
 }

@@ -55,6 +55,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help=f"how the eyes share what they know, of {', '.join(settings.STEREO_BLENDS)} (default: none)",
     )
     add(
+        "--memo",
+        metavar="K",
+        choices=settings.MEMOS,
+        help="keep what material graphs compute, to compute it once and not for each hit: in texels, or in tiles of them;"
+        f" of {', '.join(settings.MEMOS)} (default: off)",
+    )
+    add(
         "--spp",
         metavar="N",
         type=_whole(1),
@@ -106,7 +113,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "--warm-start",
         metavar="FILE_OR_DIR",
         type=Path,
-        help="begin with what the state of another render of the same scene knows of the world (voxelhash, hybrid)",
+        help="begin with what the state of another render of the same scene knows of the world (voxelhash, hybrid; any method with --memo)",
     )
     add(
         "--stats",
@@ -165,7 +172,7 @@ def run(args: argparse.Namespace) -> int:
             how = "goes on" if goes_on else "begins anew, there being no state to go on from"
             say(f"clcache: interrupted; {folder} has {done} of {end - first} frames, each complete; --resume {how}")
             return 130
-    state.end(args.resume or args.save_state)
+    state.end(args.save_state or args.resume and renderer.has_state)
     stats = renderer.stats()
     stats["seconds"] = {"load": load_seconds, **stats["seconds"]}
     if args.stats:
@@ -205,6 +212,7 @@ def _renderer(args: argparse.Namespace, scene: "Scene", progress: Progress) -> "
         until_relmse=args.until_relmse,
         temporal=args.temporal,
         stereo_blend=args.stereo_blend,
+        memo=args.memo,
         on_compile=progress.compiling,
     )
 

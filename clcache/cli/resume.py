@@ -48,10 +48,10 @@ def where_to_begin(
     render.
     """
     first, end = frames
-    if args.save_state and not renderer.has_state:
+    if args.save_state and not (renderer.has_state or renderer.keeps_world):
         raise SettingError(
             f"--save-state: the frames of method {renderer.method} do not depend on each other; expected a method with a"
-            " cache, or a temporal filter"
+            " cache, a temporal filter, or --memo of a scene with graphs"
         )
     begin = first
     if args.resume:
@@ -129,7 +129,7 @@ def _check_channels(file: Path, found: Sequence[str], expected: Sequence[str], a
 
 def _comparable(attributes: Mapping, size: tuple[int, int], views: Sequence[str]) -> dict[str, object]:
     """What is the same in all frames of a render, of the attributes of a file, or of those that are to be written."""
-    names = ("software", "scene", "method", "temporal", "stereoBlend", "seed", "frame", "spp")
+    names = ("software", "scene", "method", "temporal", "stereoBlend", "memo", "seed", "frame", "spp")
     found = {name: attributes[name] for name in names if name in attributes}
     found |= {"size": "{}x{}".format(*size), "eyes": ", ".join(views)}
     with contextlib.suppress(KeyError, TypeError, ValueError, ZeroDivisionError, RecursionError):
@@ -163,7 +163,7 @@ class StateKeeper:
     def end(self, is_wanted: bool) -> None:
         """The render is complete. is_wanted: leave the state after its last frame; else that of an earlier one goes, too. Raises
         SettingError or Error where it cannot be written."""
-        if is_wanted and self._renderer.has_state:
+        if is_wanted:
             self._renderer.save(self._file)
         elif self._is_there:
             self._file.unlink(missing_ok=True)

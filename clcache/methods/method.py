@@ -7,19 +7,21 @@ import numpy as np
 
 from ..device import Device
 from ..frame import Buffer, Pass
+from ..memo import Memo
 from ..resources import SceneResources
 
 
 @dataclass(frozen=True)
 class MethodSetup:
     """What a method builds its passes from. size: width, height. settings: all, by dotted name. stereo_blend: one of
-    STEREO_BLENDS."""
+    STEREO_BLENDS. memo: one of MEMOS."""
 
     device: Device
     scene: SceneResources
     size: tuple[int, int]
     settings: Mapping[str, bool | int | float | str]
     stereo_blend: str = "none"
+    memo: str = "off"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Method:
     is the number of primary rays; where there are none, it is a ray for each sample of each pixel. blend: where the setup asks
     for one, passes that join what the eyes know, run for each eye after all eyes' own passes. They read this eye's per-eye buffers by their names and
     the other's as `other_<name>`, and the persistent ones that the eyes share; they write `blended`, which is then the
-    eye's colour, and may use blend_buffers. What they read is therefore never blended itself.
+    eye's colour, and may use blend_buffers. What they read is therefore never blended itself. memo: what is known of the
+    memoization of the scene's graphs, or None; its counters are those of the buffer `memo_counters`.
     """
 
     passes: tuple[Pass, ...]
@@ -46,6 +49,7 @@ class Method:
     primary: tuple[str, ...] = ()
     blend: tuple[Pass, ...] = ()
     blend_buffers: tuple[Buffer, ...] = ()
+    memo: Memo | None = None
 
 
 @dataclass(frozen=True)

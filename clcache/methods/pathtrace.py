@@ -21,6 +21,7 @@ from ..passes.film import (
     Variance,
     film_buffers,
 )
+from ..passes.materials import VALUES, BeginMemo, GraphSetup, Materials, ThinOut, graph_buffers, memo_names
 from ..passes.shade import Compact, Finish, FirstHits, Shade, path_buffers
 from ..passes.trace import Generate, OrderPixels, Shadow, Trace, TraceCamera, path_count, ray_buffers
 from .method import Method, MethodSetup, PathState
@@ -31,21 +32,25 @@ def pathtrace(setup: MethodSetup) -> Method:
     device, (width, height) = setup.device, setup.size
     n = path_count(setup.size)
     sobol = setup.settings["pathtrace.sampler"] == "sobol"
+    graphs = GraphSetup.of(device, setup.scene, setup.settings, setup.memo)
     sample = [
         Generate(device, setup.scene, sobol),
         TraceCamera(setup.scene),
         NearestDepth(device),
         NearestHit(device, setup.scene),
+        *materials(graphs, is_primary=True),
         FirstHits(device, setup.scene, sobol),
-        *vertices(setup),
+        *vertices(setup, graphs),
         AddRadiance(device),
         AddSquare(device),
     ]
     passes = (
         OrderPixels(device, setup.scene, setup.size, sobol),
+        *begin_memo(graphs),
         *(Clear(b) for b in ("ray_counts", "color_sum", "color_lost", "square_sum", "albedo_sum", "N_sum")),
         Clear("aov_Z", inf),
         Clear("nearest", inf),
+        *_prepass(setup, graphs),
         Repeat("samples", sample, count=lambda s, _: s.samples - s.begin, advance=_at_sample),
         Mean(device, "color_sum", "color"),
         Variance(device),
@@ -53,16 +58,43 @@ def pathtrace(setup: MethodSetup) -> Method:
         Mean(device, "albedo_sum", "aov_albedo"),
         MeanDirection(device, "N_sum", "aov_N"),
     )
-    return Method(passes, (*ray_buffers(n), *path_buffers(n), *film_buffers(n, width * height)))
+    buffers = (*ray_buffers(n), *path_buffers(n), *film_buffers(n, width * height), *graph_buffers(graphs, n))
+    return Method(passes, buffers, cache=memo_names(graphs), world=memo_names(graphs), memo=graphs.memo)
 
 
 def _at_sample(state: PathState, index: int) -> PathState:
     return replace(state, sample=state.begin + index)
 
 
-def vertices(setup: MethodSetup, stream: str = "pixel", own_light: bool = True) -> list[Pass]:
-    """From first hits to the radiance of the paths that go on from there. stream: as of `Shade`. own_light: whether the first
-    hits' own counts."""
+def _prepass(setup: MethodSetup, graphs: GraphSetup) -> list[Pass]:
+    """A part of the first sample's paths ahead of all, for what they leave in the cache of graphs (MaterialMemo, section 6.7.2)."""
+    if not graphs.memo or not graphs.spacing:
+        return []
+    device, sobol = setup.device, setup.settings["pathtrace.sampler"] == "sobol"
+    return [
+        Generate(device, setup.scene, sobol),
+        ThinOut(graphs, setup.size[0]),
+        TraceCamera(setup.scene),
+        *materials(graphs, is_primary=True),
+        *vertices(setup, graphs),
+    ]
+
+
+def begin_memo(graphs: GraphSetup) -> list[Pass]:
+    """What a memoization needs once for each run of an eye."""
+    return [BeginMemo(graphs)] if graphs.memo else []
+
+
+def materials(graphs: GraphSetup, is_primary: bool, values: str = VALUES) -> list[Pass]:
+    """What graphs return at the hits in the queue, where the scene has any."""
+    return [Materials(graphs, is_primary, values)] if graphs.scene.graphs else []
+
+
+def vertices(
+    setup: MethodSetup, graphs: GraphSetup, stream: str = "pixel", own_light: bool = True, values: str = VALUES
+) -> list[Pass]:
+    """From first hits, with what their graphs returned, to the radiance of the paths that go on from there. stream, values: as of
+    `Shade`. own_light: whether the first hits' own counts."""
     device, scene, settings = setup.device, setup.scene, setup.settings
     sobol = settings["pathtrace.sampler"] == "sobol"
     last = settings["pathtrace.bounces"]
@@ -70,13 +102,16 @@ def vertices(setup: MethodSetup, stream: str = "pixel", own_light: bool = True) 
     passes: list[Pass] = []
     for vertex in range(last + 1):
         if vertex > 0:
-            passes += [Trace(scene)]
+            passes += [Trace(scene), *materials(graphs, is_primary=False)]
         is_last = vertex == last and not gathers_hits
         counts = own_light or vertex > 0
-        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol, stream, counts)]
+        found = values if vertex == 0 else VALUES
+        passes += [Shade(device, scene, vertex, settings["pathtrace.roulette"], is_last, sobol, stream, counts, found)]
         if is_lit:
             passes += [Shadow(scene)]
         passes += [Compact(device, scene)]
     if gathers_hits:
-        passes += [Trace(scene), Finish(device, scene, sobol)]
+        emits = any("emission" in g.outputs for g in scene.graphs)
+        light = [Materials(graphs, is_primary=False, light_only=True)] if emits else []
+        passes += [Trace(scene), *light, Finish(device, scene, sobol)]
     return passes

@@ -13,6 +13,7 @@ from ..errors import SettingError
 from ..frame import Buffer, Pass, Repeat
 from ..passes.blend import Blend, blend_buffers, moment_buffers
 from ..passes.film import Clear
+from ..passes.materials import FIRST_VALUES, SEEN_VALUES, GraphSetup, graph_buffers, memo_names
 from ..passes.radiance import IMPORTANCE, Accumulate, BeginPaths, Choose, CountImportance, radiance_buffers
 from ..passes.reconstruct import (
     Average,
@@ -23,6 +24,7 @@ from ..passes.reconstruct import (
     FillAovs,
     FindMoments,
     KeepNearest,
+    ListedMaterials,
     ListVisible,
     Resolve,
     reconstruct_buffers,
@@ -42,7 +44,7 @@ from ..passes.retrace import Aim, Assess, ListTraced, Retrace, Settle, batches, 
 from ..passes.shade import path_buffers
 from ..passes.trace import OrderPixels, path_count, ray_buffers
 from .method import Method, MethodSetup, PathState
-from .pathtrace import vertices
+from .pathtrace import begin_memo, materials, vertices
 
 MAX_SAMPLES = 2**29  # of which vectors of signed numbers address the words
 MAX_MATERIALS = 2**16  # what the first hits have bits for
@@ -72,15 +74,17 @@ def _method(setup: MethodSetup, slots: int, superresolution: int | None) -> Meth
         "HAS_MOMENTS": is_blended,
         "FILL": is_adaptive or settings["samplecache.shading_rate"] < 1,
     }
+    graphs = GraphSetup.of(device, scene, settings, setup.memo)
     passes = (
         OrderPixels(device, scene, size, False),
+        *begin_memo(graphs),
         Clear("ray_counts"),
         *reproject_passes(device, scene, size, slots, variant, True, superresolution),
         *trace_samples(setup, cache),
         *([CountImportance(device, cache)] if is_adaptive else []),
         Choose(device, cache, shading, settings["samplecache.shading_rate"]),
-        *_shading(setup),
-        *_reconstruct(setup, image),
+        *_shading(setup, graphs),
+        *_reconstruct(setup, graphs, image),
     )
     capacity = list_capacity(pixels, slots)
     buffers = (
@@ -92,17 +96,20 @@ def _method(setup: MethodSetup, slots: int, superresolution: int | None) -> Meth
         *radiance_buffers(pixels, paths, capacity if is_adaptive else pixels, rays, is_adaptive),
         *reconstruct_buffers(pixels, groups, capacity, rays),
         *moment_buffers(pixels),
+        *graph_buffers(graphs, rays, has_lists=True),
     )
     return Method(
         passes,
         buffers,
         exchanged=(*exchanged_buffers(), *([IMPORTANCE] if is_adaptive else [])),
-        cache=tuple(b.name for b in cache_buffers(pixels, slots)),
+        cache=(*(b.name for b in cache_buffers(pixels, slots)), *memo_names(graphs)),
+        world=memo_names(graphs),
         counters=COUNTERS,
         levels=("occupied", "visible"),
         primary=("created", "retraced"),
         blend=(Blend(device, settings["samplecache.sharpness"]),) if is_blended else (),
         blend_buffers=tuple(blend_buffers(pixels)),
+        memo=graphs.memo,
     )
 
 
@@ -122,12 +129,13 @@ def trace_samples(setup: MethodSetup, defines: Mapping) -> list[Pass]:
     ]
 
 
-def _shading(setup: MethodSetup) -> list[Pass]:
+def _shading(setup: MethodSetup, graphs: GraphSetup) -> list[Pass]:
     device, scene, settings = setup.device, setup.scene, setup.settings
     demodulate = settings["samplecache.demodulate"]
     batch = [
         BeginPaths(device, scene, demodulate),
-        *vertices(setup, "path_stream"),
+        *materials(graphs, True, FIRST_VALUES),
+        *vertices(setup, graphs, "path_stream", values=FIRST_VALUES),
         Accumulate(device, scene, demodulate, settings["samplecache.alpha"]),
     ]
     return [
@@ -135,15 +143,20 @@ def _shading(setup: MethodSetup) -> list[Pass]:
     ]
 
 
-def _reconstruct(setup: MethodSetup, defines: Mapping) -> list[Pass]:
+def _reconstruct(setup: MethodSetup, graphs: GraphSetup, defines: Mapping) -> list[Pass]:
     common = setup.device, setup.scene, defines
     mean = [] if defines["DEMODULATE"] else [AverageCache(*common)]
     average = (Average,) if defines["DEMODULATE"] else ()
     passes = (Resolve, *average, FindMoments, Distance, KeepNearest, Describe, FillAovs)
-    batch = [p(*common) for p in passes]
+    batch = [*seen_materials(graphs), *(p(*common) for p in passes)]
     count = {"count": lambda _, arrays: batches(seen(arrays), 0), "count_reads": ("seen_listed",)}
     listed = ListVisible(*common), ClearSurface(*common)
     return [*mean, *listed, Repeat("reconstruction", batch, advance=at_batch, **count)]
+
+
+def seen_materials(graphs: GraphSetup) -> list[Pass]:
+    """What the graphs of the visible samples of a batch say."""
+    return [ListedMaterials(graphs, "seen", ("seen_listed", 0), True, SEEN_VALUES)] if graphs.scene.graphs else []
 
 
 def at_batch(state: PathState, index: int) -> PathState:

@@ -14,6 +14,15 @@ from dataclasses import replace
 from ..errors import SettingError
 from ..frame import Buffer, Pass, Repeat
 from ..passes.film import Clear
+from ..passes.materials import (
+    ASKED_VALUES,
+    DESCRIBED_VALUES,
+    FIRST_VALUES,
+    NEW_VALUES,
+    GraphSetup,
+    graph_buffers,
+    memo_names,
+)
 from ..passes.radiance import BeginPaths
 from ..passes.reconstruct import (
     Average,
@@ -22,6 +31,7 @@ from ..passes.reconstruct import (
     Distance,
     FillAovs,
     KeepNearest,
+    ListedMaterials,
     ListVisible,
     reconstruct_buffers,
     seen,
@@ -64,8 +74,8 @@ from ..passes.voxelhash import (
     voxel_counts,
 )
 from .method import Method, MethodSetup
-from .pathtrace import vertices
-from .samplecache import at_batch, check_size, rays_for, trace_samples
+from .pathtrace import begin_memo, materials, vertices
+from .samplecache import at_batch, check_size, rays_for, seen_materials, trace_samples
 
 _IMAGE = {"DEMODULATE": True, "FILL": True, "HAS_MOMENTS": False}
 
@@ -78,16 +88,19 @@ def voxelhash(setup: MethodSetup) -> Method:
     check_size(setup, pixels, 1)
     sobol = settings["pathtrace.sampler"] == "sobol"
     voxels = Voxels(device, scene, settings, False, voxel_counts())
+    graphs = GraphSetup.of(device, scene, settings, setup.memo)
     passes = (
         OrderPixels(device, scene, size, sobol),
+        *begin_memo(graphs),
         Clear("ray_counts"),
         Generate(device, scene, sobol),
         TraceCamera(scene),
         KeepFirstHits(voxels),
         KeepSurface(voxels),
         AskAll(voxels),
-        *_update(setup, voxels, [FindAge(voxels)]),
-        *_reconstruct(setup, cache_defines(1, False), [AnswerAsked(voxels)]),
+        *_update(setup, graphs, voxels, [FindAge(voxels)]),
+        *_reconstruct(setup, graphs, cache_defines(1, False), [AnswerAsked(voxels)]),
+        *_asked_materials(graphs, DESCRIBED_VALUES),
         DescribeVoxels(voxels),
     )
     first_hits = [replace(b, persistent=False, per_eye=False) for b in cache_buffers(pixels, 1, False)]
@@ -102,8 +115,11 @@ def voxelhash(setup: MethodSetup) -> Method:
         *voxel_buffers(pixels, settings["voxelhash.capacity"], paths),
         *(b for b in images if b.name != "aov_age"),
         *voxel_aov_buffers(pixels),
+        *graph_buffers(graphs, paths, has_lists=True),
     )
-    return Method(passes, buffers, cache=TABLE, world=TABLE, counters=COUNTERS, levels=("occupied", "capacity"))
+    kept = (*TABLE, *memo_names(graphs))
+    levels = ("occupied", "capacity")
+    return Method(passes, buffers, cache=kept, world=kept, counters=COUNTERS, levels=levels, memo=graphs.memo)
 
 
 def hybrid(setup: MethodSetup) -> Method:
@@ -119,15 +135,17 @@ def hybrid(setup: MethodSetup) -> Method:
     names = (*SAMPLE_COUNTERS, *table_counters)
     voxels = Voxels(device, scene, settings, True, voxel_counts(names))
     answers = [AddressSeen(voxels), FindSeen(voxels), AnswerSeen(voxels)]
+    graphs = GraphSetup.of(device, scene, settings, setup.memo)
     passes = (
         OrderPixels(device, scene, size, False),
+        *begin_memo(graphs),
         Clear("ray_counts"),
         *reproject_passes(device, scene, size, slots, variant, False),
         *trace_samples(setup, cache),
         AskSamples(device, cache),
-        *_update(setup, voxels, []),
+        *_update(setup, graphs, voxels, []),
         ClearSurface(device, scene, cache | _IMAGE),
-        *_reconstruct(setup, cache, answers, (Distance, KeepNearest)),
+        *_reconstruct(setup, graphs, cache, answers, (Distance, KeepNearest)),
     )
     samples = reproject_buffers(pixels, slots, variant)
     buffers = (
@@ -139,25 +157,39 @@ def hybrid(setup: MethodSetup) -> Method:
         *table_buffers(settings["voxelhash.capacity"]),
         *voxel_buffers(pixels, settings["voxelhash.capacity"], rays),
         *(b for b in reconstruct_buffers(pixels, groups, list_capacity(pixels, slots), rays) if b.name != "aov_age"),
+        *graph_buffers(graphs, rays, has_lists=True),
     )
     return Method(
         passes,
         buffers,
         exchanged=exchanged_buffers(False),
-        cache=(*TABLE, *(b.name for b in cache_buffers(pixels, slots, False))),
-        world=TABLE,
+        cache=(*TABLE, *(b.name for b in cache_buffers(pixels, slots, False)), *memo_names(graphs)),
+        world=(*TABLE, *memo_names(graphs)),
         counters=names,
         levels=("occupied", "visible", "voxels", "capacity"),
         primary=("created", "retraced"),
+        memo=graphs.memo,
     )
 
 
-def _update(setup: MethodSetup, voxels: Voxels, before: list[Pass]) -> list[Pass]:
+def _asked_materials(graphs: GraphSetup, values: str) -> list[Pass]:
+    """What the graphs of the samples that ask say."""
+    return [ListedMaterials(graphs, "asked", ("asked_listed", 1), False, values)] if graphs.scene.graphs else []
+
+
+def _update(setup: MethodSetup, graphs: GraphSetup, voxels: Voxels, before: list[Pass]) -> list[Pass]:
     """From samples that ask to voxels that know. before: passes between addressing and access."""
     device, scene = setup.device, setup.scene
-    start = [Inherit(voxels)] if voxels.inherits else []
-    batch = [BeginPaths(device, scene, True), *vertices(setup, "path_stream", own_light=False), UpdateVoxels(voxels)]
+    traced = [ListedMaterials(graphs, "shaded", ("listed", 1), False, NEW_VALUES)] if scene.graphs else []
+    start = [*traced, Inherit(voxels)] if voxels.inherits else []
+    batch = [
+        BeginPaths(device, scene, True),
+        *materials(graphs, True, FIRST_VALUES),
+        *vertices(setup, graphs, "path_stream", own_light=False, values=FIRST_VALUES),
+        UpdateVoxels(voxels),
+    ]
     return [
+        *_asked_materials(graphs, ASKED_VALUES),
         AddressAsked(voxels),
         *before,
         LookUp(voxels),
@@ -168,13 +200,13 @@ def _update(setup: MethodSetup, voxels: Voxels, before: list[Pass]) -> list[Pass
 
 
 def _reconstruct(
-    setup: MethodSetup, cache: dict, answers: list[Pass], nearest: tuple[type[Pass], ...] = ()
+    setup: MethodSetup, graphs: GraphSetup, cache: dict, answers: list[Pass], nearest: tuple[type[Pass], ...] = ()
 ) -> list[Pass]:
     """From voxels to the image and its AOVs. cache: defines of the samples. answers: what is known of the visible samples. nearest:
     what finds the nearest of them."""
     common = setup.device, setup.scene, cache | _IMAGE
     described = [p(*common) for p in (*nearest, Describe, FillAovs)]
-    batch = [*answers, Average(*common), *described]
+    batch = [*seen_materials(graphs), *answers, Average(*common), *described]
     count = {"count": lambda _, arrays: batches(seen(arrays), 0), "count_reads": ("seen_listed",)}
     return [ListVisible(*common), Repeat("reconstruction", batch, advance=at_batch, **count)]
 

@@ -7,7 +7,7 @@ lists the views, the first of which is the default view; the view's name is the 
 name; only names without a period stand for the default view. So there are R and right.R, Z and right.Z, but albedo.left.R
 and albedo.right.R: a channel albedo.R would belong to no view.
 
-Attributes. `scene`, `method`, `temporal`, `stereoBlend`, `settings` (JSON), `seed` (text, since 64 bits do not fit an integer attribute; of a merged
+Attributes. `scene`, `method`, `temporal`, `stereoBlend`, `memo`, `settings` (JSON), `seed` (text, since 64 bits do not fit an integer attribute; of a merged
 file all of them, with commas between), `frame`, `software`, `framesPerSecond`, in stereo `eyeDistance` (metres), and for
 each view, named as its channels are, `spp` (samples taken for each pixel), `worldToCamera` and `fovY` (vertical field of
 view, radians). `sceneDigest` and `cameraDigest` tell scenes and camera paths apart by their content; a merged file has those that
@@ -50,6 +50,7 @@ def provenance(scene: Scene, stats: Mapping[str, object]) -> dict[str, object]:
         "method": stats["method"],
         "temporal": stats["temporal"],
         "stereoBlend": stats["stereo_blend"],
+        "memo": stats["memo"]["kind"],
         "settings": json.dumps(stats["settings"], sort_keys=True),
         "seed": str(stats["seed"]),
         # A denominator of 1001 holds the broadcast rates exactly, and keeps the numerator within 32 bits.

@@ -77,6 +77,7 @@ class Source:
             "size": "{}x{}".format(*self.size),
             "views": ", ".join(self.spp),
             **{name: has[name] for name in ("scene", "method", "frame")},
+            "memo": has.get("memo", "off"),
             "fps": float(Fraction(*has["framesPerSecond"])),
             # How the device is used has no effect on the image.
             **{f"setting {name}": value for name, value in settings.items() if not name.startswith("device.")},
@@ -221,6 +222,7 @@ def _header(sources: Sequence[Source]) -> dict[str, object]:
     first, views = sources[0], list(sources[0].spp)
     has = first.attributes
     header = {name: has[name] for name in ("scene", "method", "settings", "frame")}
+    header["memo"] = has.get("memo", "off")
     for name in ("sceneDigest", "cameraDigest"):
         if name in has and all(source.attributes.get(name) == has[name] for source in sources):
             header[name] = has[name]

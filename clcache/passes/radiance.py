@@ -9,6 +9,7 @@ from ..device import Device, fill
 from ..frame import Buffer, Pass
 from ..program import Program
 from ..resources import SceneResources
+from .materials import FIRST_VALUES, values_as
 from .reproject import GROUP, counter_defines
 from .retrace import batch, draws
 from .trace import BLOCK, HITS
@@ -109,15 +110,16 @@ class Accumulate(Pass):
     """Add what the paths brought to their samples. alpha: the part that each new value gets; 0: by how many there are."""
 
     name = "accumulate"
-    reads = ("shaded", "listed", "first_hit", "radiance", "shading")
     writes = ("shading",)
 
     def __init__(self, device: Device, scene: SceneResources, demodulate: bool, alpha: float):
         self._scene, self._alpha = scene, alpha
         self._kernel = _shade(device, scene, demodulate)["accumulate"]
+        self._values = (FIRST_VALUES,) if scene.graphs else ()
+        self.reads = ("shaded", "listed", "first_hit", "radiance", "shading", *self._values)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One sample for each path."""
         n, scalars = arrays["ray_length"].size, batch(arrays, state, 1)
         scalars |= {"camera": state.camera, "n": n, "fixed_part": self._alpha}
-        yield self._kernel.run(n, arrays, self._scene.arrays, **scalars)
+        yield self._kernel.run(n, values_as(arrays, *self._values), self._scene.arrays, **scalars)

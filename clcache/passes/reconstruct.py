@@ -9,9 +9,10 @@ from ..device import Device, fill
 from ..frame import Buffer, Pass
 from ..program import Program
 from ..resources import SceneResources
+from .materials import SEEN_VALUES, GraphSetup, Materials, values_as
 from .reproject import GROUP
-from .retrace import batch
-from .trace import BLOCK
+from .retrace import batch, listed_length
+from .trace import BLOCK, HITS
 
 AOVS = tuple(f"aov_{name}" for name in ("albedo", "N", "Z", "variance", "samples", "occupancy", "visible", "age"))
 
@@ -67,11 +68,13 @@ class _ReconstructPass(Pass):
     ):
         self._scene = scene
         self._kernel = program(device, scene, defines)[kernel]
+        self._values = (SEEN_VALUES,) if scene.graphs else ()
 
     def _over_samples(self, arrays, state, **scalars) -> cl.Event | None:
         part = batch(seen(arrays), state, 0)
         scalars |= {"camera": state.camera, "n": arrays["ray_length"].size, **part}
-        return self._kernel.run(part["entries"], seen(arrays), self._scene.arrays, **scalars)
+        arrays = values_as(seen(arrays), *self._values)
+        return self._kernel.run(part["entries"], arrays, self._scene.arrays, **scalars)
 
     def _over_groups(self, arrays, state) -> cl.Event | None:
         n, groups = arrays["ray_length"].size, arrays[_FIRST].size
@@ -97,6 +100,33 @@ class ListVisible(_ReconstructPass):
         yield self._kernel.run(groups, seen(arrays), batch=arrays["ray_length"].size, **scalars)
 
 
+class ListedMaterials(Pass):
+    """What the graphs of a list of samples say, by entry: of the current batch of it, or of all. listed: where `listed_length` finds the
+    list's length, and which. is_batched: whether the list is worked off in batches. values: the buffer that gets them. The path tracer's
+    queue is used for it."""
+
+    name = "materials"
+
+    def __init__(self, graphs: GraphSetup, samples: str, listed: tuple[str, int], is_batched: bool, values: str):
+        self._scene, self._samples, self._listed, self._is_batched = graphs.scene, samples, listed, is_batched
+        self._kernel = graphs.device.program("samplecache/list_hits.cl")["list_hits"]
+        self._materials = Materials(graphs, True, values)
+        queue = (*HITS, "ray_direction", "ray_length", "cone", "alive")
+        self.reads = (samples, listed[0], "first_hit", *(b for b in self._materials.reads if b not in queue))
+        self.writes, self.results = (*queue, *self._materials.writes), self._materials.results
+
+    def run(self, arrays, state) -> Iterable[cl.Event | None]:
+        """One place for each entry."""
+        buffer, which = self._listed
+        n, listed = arrays["ray_length"].size, {**arrays, "listed": arrays[buffer]}
+        part = (
+            batch(listed, state, which) if self._is_batched else {"first": 0, "entries": listed_length(listed, which)}
+        )
+        scalars = {"camera": state.camera, "n": n, **part}
+        yield self._kernel.run(n, {"samples": arrays[self._samples]}, arrays, self._scene.arrays, **scalars)
+        yield from self._materials.run_first(arrays, state, part["entries"])
+
+
 class Resolve(_ReconstructPass):
     """The radiance of each visible sample of the current batch, and its weight."""
 
@@ -105,6 +135,7 @@ class Resolve(_ReconstructPass):
 
     def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool]):
         super().__init__(device, scene, defines, "resolve")
+        self.reads += self._values if defines["DEMODULATE"] else ()
         albedo = ("sample_albedo",) if defines["FILL"] and defines["DEMODULATE"] else ()
         self.writes = ("sample_value", "sample_weight", *albedo, *(("sample_near",) if defines["HAS_MOMENTS"] else ()))
 
@@ -217,6 +248,7 @@ class Describe(_ReconstructPass):
 
     def __init__(self, device: Device, scene: SceneResources, defines: Mapping[str, int | bool]):
         super().__init__(device, scene, defines, "describe")
+        self.reads += self._values
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One sample for each entry."""

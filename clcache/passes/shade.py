@@ -7,6 +7,7 @@ import pyopencl as cl
 from ..device import Device
 from ..frame import Buffer, Pass
 from ..resources import SceneResources
+from .materials import VALUES, values_as
 from .trace import HITS
 
 _SHADOW_RAY = ("shadow_origin", "shadow_direction", "shadow_length", "shadow_radiance")
@@ -30,15 +31,17 @@ def path_buffers(n: int) -> list[Buffer]:
 class _ShadePass(Pass):
     """A kernel of shade.cl, one work-item for each path."""
 
-    def __init__(self, device: Device, scene: SceneResources, kernel: str, sobol: bool):
+    def __init__(self, device: Device, scene: SceneResources, kernel: str, sobol: bool, values: str = VALUES):
         self._scene, features = scene, scene.features
         self._kernel = device.program("pathtrace/shade.cl", SOBOL=sobol, **scene.defines)[kernel]
         self._cone = ("cone",) if features["HAS_TEXTURES"] else ()
+        self._values = (values,) if features["HAS_GRAPHS"] else ()
         self._density = ("density",) if features["HAS_EMISSION"] else ()
         self._is_lit = features["HAS_DIRECT"]
 
     def _launch(self, arrays, **scalars) -> cl.Event | None:
         n, scene = arrays["ray_length"].size, self._scene
+        arrays = values_as(arrays, *self._values)
         return self._kernel.run(n, arrays, scene.arrays, n=n, environment=scene.environment, **scalars)
 
 
@@ -47,7 +50,7 @@ class Shade(_ShadePass):
 
     vertex: number of the surface along the path, 0 for the first hit. roulette: first bounce that may end a path. is_last:
     no ray is traced after this one. stream: the buffer that says, by path, whose random numbers it takes. own_light: whether
-    what a ray found counts that shines by itself.
+    what a ray found counts that shines by itself. values: the buffer of what the hits' graphs returned.
     """
 
     name = "shade"
@@ -62,14 +65,15 @@ class Shade(_ShadePass):
         sobol: bool,
         stream: str = "pixel",
         own_light: bool = True,
+        values: str = VALUES,
     ):
-        super().__init__(device, scene, "shade", sobol)
+        super().__init__(device, scene, "shade", sobol, values)
         self._stream = stream
         self._place = {"vertex": vertex, "roulette": roulette, "is_last": int(is_last), "own_light": int(own_light)}
         self._place["emitters"] = scene.emitter_count
         path = ("ray_length", "throughput", "radiance", "ray_counts", *self._density, *self._cone)
         shadow_ray = _SHADOW_RAY if self._is_lit else ()
-        self.reads = (stream, "path", "alive", *HITS, "ray_direction", *path)
+        self.reads = (stream, "path", "alive", *HITS, *self._values, "ray_direction", *path)
         self.writes = ("ray_origin", "ray_direction", *path, *shadow_ray)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
@@ -104,8 +108,9 @@ class Finish(_ShadePass):
 
     def __init__(self, device: Device, scene: SceneResources, sobol: bool):
         super().__init__(device, scene, "finish", sobol)
+        self._values = self._values if any("emission" in g.outputs for g in scene.graphs) else ()
         carried = ("ray_direction", "ray_length", "throughput", "density", *self._cone, *HITS)
-        self.reads = ("path", "alive", *carried, "radiance")
+        self.reads = ("path", "alive", *carried, *self._values, "radiance")
         self.writes = ("radiance",)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
@@ -121,7 +126,7 @@ class FirstHits(_ShadePass):
 
     def __init__(self, device: Device, scene: SceneResources, sobol: bool):
         super().__init__(device, scene, "first_hits", sobol)
-        self.reads = ("ray_direction", *HITS, *self._cone, *self.writes)
+        self.reads = ("ray_direction", *HITS, *self._values, *self._cone, *self.writes)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Add this sample's surfaces."""

@@ -15,6 +15,11 @@ BLOCK = 4  # pixels along the side of a block, as in pixel_order.cl
 _CHUNK = 4096  # of queue.cl
 
 
+def stamp(state) -> int:
+    """When an update of an eye is, modulo 2^32: odd for the first eye."""
+    return (2 * state.update + state.eye + 1) % 2**32
+
+
 def path_count(size: tuple[int, int]) -> int:
     """How many paths an image of this width and height has: whole blocks of pixels."""
     return -(-size[0] // BLOCK) * -(-size[1] // BLOCK) * BLOCK**2

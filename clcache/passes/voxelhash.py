@@ -13,11 +13,12 @@ from ..device import Device, fill
 from ..frame import Buffer, Pass
 from ..program import Kernel, Program
 from ..resources import SceneResources
+from .materials import ASKED_VALUES, DESCRIBED_VALUES, FIRST_VALUES, NEW_VALUES, SEEN_VALUES, values_as
 from .radiance import Choose
 from .reconstruct import seen
 from .reproject import GROUP, listed_length
 from .retrace import batch, draws
-from .trace import HITS
+from .trace import HITS, stamp
 
 COUNTERS = ("lookups", "hits", "inserted", "evicted", "discarded", "occupied", "capacity", "shaded")
 TABLE = ("voxel_key", "voxel_radiance", "voxel_occupied")
@@ -96,11 +97,6 @@ class Voxels:
         """The scalars by which the table is searched. Both eyes' stamps of an update follow each other."""
         lifetime = 2 * self.settings["voxelhash.lifetime"]
         return {"probe": self.settings["voxelhash.probe"], "stamp": stamp(state), "lifetime": lifetime}
-
-
-def stamp(state) -> int:
-    """When an update of an eye is, modulo 2^32: odd for the first eye."""
-    return (2 * state.update + state.eye + 1) % 2**32
 
 
 def voxel_counts(names: Sequence[str] = COUNTERS) -> dict[str, int]:
@@ -183,6 +179,12 @@ class _VoxelPass(Pass):
 
     def __init__(self, voxels: Voxels, source: str, kernel: str):
         self._voxels, self._kernel = voxels, voxels.program(source)[kernel]
+        self._values: tuple[str, ...] = ()
+
+    def _reads_values(self, buffer: str) -> None:
+        """Take what graphs returned from this buffer, where the scene has any."""
+        self._values = (buffer,) if self._voxels.scene.graphs else ()
+        self.reads += self._values
 
     def _over_asked(self, arrays, state, run: int = 1, kernel: Kernel | None = None) -> cl.Event | None:
         entries = listed_length({"listed": arrays["asked_listed"]}, 1)
@@ -192,6 +194,8 @@ class _VoxelPass(Pass):
         voxels = self._voxels
         capacity = arrays["voxel_key"].size
         known = {"capacity": capacity, **voxels.level(capacity), **voxels.table(state), "camera": state.camera}
+        known |= {"n": arrays["ray_length"].size}
+        arrays = values_as(arrays, *self._values)
         return (kernel or self._kernel).run(count, arrays, voxels.scene.arrays, **(known | draws(state) | scalars))
 
 
@@ -204,6 +208,7 @@ class AddressAsked(_VoxelPass):
 
     def __init__(self, voxels: Voxels):
         super().__init__(voxels, "look_up", "address_asked")
+        self._reads_values(ASKED_VALUES)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One for each entry."""
@@ -259,6 +264,7 @@ class Inherit(_VoxelPass):
 
     def __init__(self, voxels: Voxels):
         super().__init__(voxels, "look_up", "inherit")
+        self._reads_values(NEW_VALUES)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """Run by run."""
@@ -276,6 +282,7 @@ class UpdateVoxels(_VoxelPass):
         start = ("voxel_start",) if voxels.inherits else ()
         self.reads = ("shaded", "stream", "shaded_voxel", "listed", "first_hit", "radiance", *start, "voxel_radiance")
         self.writes = ("voxel_radiance", "own_light")
+        self._reads_values(FIRST_VALUES)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One voxel for each path."""
@@ -303,6 +310,7 @@ class AnswerAsked(_AnswerPass):
 
     def __init__(self, voxels: Voxels):
         super().__init__(voxels, "answer", "answer_asked")
+        self._reads_values(SEEN_VALUES)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One sample for each entry."""
@@ -318,6 +326,7 @@ class AddressSeen(_AnswerPass):
 
     def __init__(self, voxels: Voxels):
         super().__init__(voxels, "answer", "address_seen")
+        self._reads_values(SEEN_VALUES)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One sample for each entry."""
@@ -379,6 +388,7 @@ class DescribeVoxels(_VoxelPass):
 
     def __init__(self, voxels: Voxels):
         super().__init__(voxels, "describe", "describe_voxels")
+        self._reads_values(DESCRIBED_VALUES)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One for each entry; elsewhere there is none."""

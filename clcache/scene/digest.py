@@ -5,6 +5,7 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
+from ..graph import CompiledGraph
 from .model import Scene
 
 
@@ -33,6 +34,8 @@ def _feed(found: "hashlib._Hash", value: object) -> None:
         found.update(f"{len(value)}:".encode())
         for item in value:
             _feed(found, item)
+    elif isinstance(value, CompiledGraph):  # what it computes, wherever it is written
+        _feed(found, (value.source, *value.outputs.items()))
     elif is_dataclass(value):
         _feed(found, (type(value).__name__, *(getattr(value, f.name) for f in fields(value))))
     else:

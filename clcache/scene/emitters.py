@@ -118,6 +118,8 @@ def _mean_sky(picture: np.ndarray) -> float:
 
 def _mean_radiance(scene: Scene, index: int) -> float:
     material = scene.materials[index]
+    if "emission" in material.driven:  # of which the mean is not known: rays find it by themselves
+        return 0.0
     color = np.asarray(material.emission, np.float64)
     if material.emission_texture is not None and color.any():
         color = color * mean_color(scene.textures[material.emission_texture.index])

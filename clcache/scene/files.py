@@ -6,6 +6,8 @@ from urllib.parse import urlsplit
 
 from ..errors import SceneError
 
+LONGEST_SHOWN = 255  # characters of a reference, in messages
+
 
 @dataclass(frozen=True)
 class Folder:
@@ -20,34 +22,39 @@ class Folder:
         where: the place of the reference, for the message. Raises SceneError if the file is missing, is no regular file,
         is named by a URL, or lies outside the folder once `..` and symbolic links are followed.
         """
-        if len(urlsplit(reference).scheme) > 1:  # one letter is a drive, not a URL scheme
-            raise SceneError(f"{where}: {reference!r} is a URL; expected the path of a file in the scene's folder")
+        shown = repr(reference[:LONGEST_SHOWN]) + ("…" if len(reference) > LONGEST_SHOWN else "")
         try:
+            if len(urlsplit(reference).scheme) > 1:  # one letter is a drive, not a URL scheme
+                raise SceneError(f"{where}: {shown} is a URL; expected the path of a file in the scene's folder")
             path = (beside.parent / reference.replace("\\", "/")).resolve()
             is_file = path.is_file()
         except (OSError, ValueError, RuntimeError) as error:
-            raise SceneError(f"{where}: {reference!r} is not a usable path ({error})") from None
+            what = error.strerror if isinstance(error, OSError) else ascii(str(error)[:LONGEST_SHOWN])[1:-1]
+            raise SceneError(f"{where}: {shown} is not a usable path ({what})") from None
         if not self.allow_outside and not path.is_relative_to(self.root):
             raise SceneError(
-                f"{where}: {reference!r} leaves the scene's folder {self.root}; "
+                f"{where}: {shown} leaves the scene's folder {self.root}; "
                 "move the file there, or allow it with allow_outside"
             )
         if not is_file:
-            raise SceneError(f"{where}: {reference!r}: " + ("not a regular file" if path.exists() else "no such file"))
+            raise SceneError(f"{where}: {shown}: " + ("not a regular file" if path.exists() else "no such file"))
         return path
 
 
-def read_bytes(path: Path, where: str) -> bytes:
-    """The file's content. Raises SceneError."""
+def read_bytes(path: Path, where: str, most: int | None = None) -> bytes:
+    """The file's content. Raises SceneError, without reading it, if it has more than `most` bytes."""
     try:
+        size = path.stat().st_size
+        if most is not None and size > most:
+            raise SceneError(f"{where}: {size:,} bytes; expected at most {most:,}")
         return path.read_bytes()
     except OSError as error:
         raise SceneError(f"{where}: cannot be read ({error.strerror})") from None
 
 
-def read_text(path: Path, where: str) -> str:
-    """The file's content as UTF-8, with any byte-order mark removed. Raises SceneError."""
+def read_text(path: Path, where: str, most: int | None = None) -> str:
+    """The file's content as UTF-8, with any byte-order mark removed. most: as of `read_bytes`. Raises SceneError."""
     try:
-        return read_bytes(path, where).decode("utf-8-sig")
+        return read_bytes(path, where, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(f"{where}: byte {error.start} is not UTF-8 text") from None

@@ -78,7 +78,7 @@ def complete(
     environment: the file's, or None. size: width and height of the picture. The light is only chosen if the file has
     neither lights nor environment nor emission.
     """
-    dark = environment is None and not part.lights and not any(any(m.emission) for m in part.materials)
+    dark = environment is None and not part.lights and not any(m.is_emissive for m in part.materials)
     camera, lights = part.camera, list(part.lights)
     if camera is not None and not dark:
         return camera, lights, environment or Environment()

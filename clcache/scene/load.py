@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..errors import SceneError
-from . import framing, meshfile
+from . import framing
 from .files import Folder
 from .gltf import load_gltf
 from .model import Defaults, Scene
@@ -37,6 +37,8 @@ def _load_mesh_file(path: Path, name: str, folder: Folder) -> Part:
     kind = path.suffix.lower().lstrip(".")
     if kind in ("gltf", "glb"):
         return load_gltf(path, name, folder)
+    from . import meshfile  # which takes as long to import as most scenes to load
+
     if kind in meshfile.FORMATS:
         return meshfile.load_mesh_file(path, name, folder)
     known = ", ".join(f".{k}" for k in ("toml", "gltf", "glb", *meshfile.FORMATS))
@@ -65,4 +67,5 @@ def _complete(name: str, read: TomlScene) -> Scene:
         defaults=read.defaults,
         dropped=dict(part.dropped),
         notes=tuple(notes),
+        graph_seconds=part.graph_seconds,
     )

@@ -5,8 +5,12 @@ in radians; transforms are 3x4, row-major, object to world.
 """
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from ..graph import CompiledGraph
 
 WRAP_MODES = ("repeat", "clamp", "mirror")
 
@@ -71,7 +75,9 @@ class Material:
     dielectric that goes through; thin: it passes straight, instead of being refracted into the body behind. emission:
     radiance in W / (m^2 sr), multiplied with its texture's colour. normal_texture: tangent-space normals, x and y
     multiplied by normal_scale. double_sided: whether its back reflects and emits as the front does; a single-sided one
-    is black from behind (unless it transmits).
+    is black from behind (unless it transmits). graph: what computes some of these for each hit, in place of the values
+    and textures here; what it emits is found by rays only. graph_textures: the uses of textures that the graph's image
+    nodes number.
     """
 
     name: str
@@ -92,6 +98,18 @@ class Material:
     normal_texture: TextureUse | None = None
     normal_scale: float = 1.0
     double_sided: bool = True
+    graph: "CompiledGraph | None" = None
+    graph_textures: tuple[TextureUse, ...] = ()
+
+    @property
+    def driven(self) -> frozenset[str]:
+        """The names of what the graph computes."""
+        return frozenset(self.graph.outputs) if self.graph else frozenset()
+
+    @property
+    def is_emissive(self) -> bool:
+        """Whether it may emit light."""
+        return any(self.emission) or "emission" in self.driven
 
 
 @dataclass(frozen=True)
@@ -189,7 +207,8 @@ class Defaults:
 class Scene:
     """All that a render needs to know of the world. file: as given by the user. dropped: what the loader left out and
     how much of it, e.g. {"zero-area triangles": 425}. notes: sentences that tell the user what the loader chose for them
-    (a framing camera, a default light, materials that it could only approximate)."""
+    (a framing camera, a default light, materials that it could only approximate). graph_seconds: what reading and
+    compiling the materials' graphs took."""
 
     file: str
     meshes: tuple[Mesh, ...]
@@ -202,6 +221,7 @@ class Scene:
     defaults: Defaults = field(default_factory=Defaults)
     dropped: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    graph_seconds: float = 0.0
 
     @property
     def triangle_count(self) -> int:

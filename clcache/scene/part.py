@@ -15,7 +15,7 @@ _MAPS = ("base_color_texture", "metallic_roughness_texture", "emission_texture",
 
 @dataclass
 class Part:
-    """Model values as in `Scene`. camera: the file's own, or None. dropped and notes: as in `Scene`."""
+    """Model values as in `Scene`. camera: the file's own, or None. dropped, notes and graph_seconds: as in `Scene`."""
 
     meshes: list[Mesh] = field(default_factory=list)
     instances: list[Instance] = field(default_factory=list)
@@ -25,6 +25,7 @@ class Part:
     camera: Camera | None = None
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
+    graph_seconds: float = 0.0
 
     def add_assets(self, other: "Part") -> int:
         """Append the other part's meshes, materials and textures; returns the index that its first mesh has here."""
@@ -61,13 +62,15 @@ class Part:
 
 
 def _uses(material: Material) -> list[TextureUse]:
-    return [use for use in (getattr(material, name) for name in _MAPS) if use is not None]
+    return [*(use for use in (getattr(material, name) for name in _MAPS) if use is not None), *material.graph_textures]
 
 
 def _with_textures(material: Material, renumber: Callable[[int], int]) -> Material:
     """The material with the indices of its textures passed through `renumber`."""
     uses = {name: getattr(material, name) for name in _MAPS}
     changed = {name: replace(use, index=renumber(use.index)) for name, use in uses.items() if use is not None}
+    if material.graph_textures:
+        changed["graph_textures"] = tuple(replace(use, index=renumber(use.index)) for use in material.graph_textures)
     return replace(material, **changed) if changed else material
 
 

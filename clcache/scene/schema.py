@@ -103,6 +103,11 @@ class FileMesh(Table):
     animated: bool = Field(
         True, description="whether the file's animation is played; otherwise it stands as at 0 seconds"
     )
+    materials: dict[str, str] = Field(
+        {},
+        description="{ \"name in the file\" = name of a table in [materials], ... }: what replaces the file's materials; 'default'"
+        " is that of triangles without any",
+    )
 
 
 class Sphere(Table):
@@ -302,6 +307,15 @@ class MaterialTable(Table):
     normal_texture: TextureSource | None = Field(None, description="tangent-space normals, green up")
     normal_scale: Coordinate = 1.0
     double_sided: bool = Field(True, description="otherwise it is black and dark from behind")
+    graph: str | None = Field(
+        None,
+        min_length=1,
+        description="path of a .graph or MaterialX .mtlx document, which computes some of the above; the other keys stand beside it,"
+        " and before what it sets to constants",
+    )
+    graph_material: str | None = Field(
+        None, min_length=1, description="name of the material in the document, where there are several"
+    )
 
     @model_validator(mode="after")
     def _something_to_multiply(self) -> "MaterialTable":
@@ -311,13 +325,11 @@ class MaterialTable(Table):
             )
         return self
 
-    @property
-    def reflection(self) -> float:
-        """`specular`, or its default."""
-        if self.specular is not None:
-            return self.specular
-        asked = {"roughness", "ior", "specular_color", "metallic_roughness_texture"} & self.model_fields_set
-        return 1.0 if asked else 0.0
+    @model_validator(mode="after")
+    def _a_document_to_look_in(self) -> "MaterialTable":
+        if self.graph_material is not None and not (self.graph or "").lower().endswith(".mtlx"):
+            raise PydanticCustomError("no_document", "graph_material names a material of a .mtlx file; expected graph")
+        return self
 
 
 class PointKey(Table):

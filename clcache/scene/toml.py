@@ -4,11 +4,14 @@ The standard parser gives values without their lines, so that the file is parsed
 nodes know where they stand; a map from each key's path to its line serves the error messages.
 """
 
+import difflib
 import math
+import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tree_sitter
@@ -42,6 +45,9 @@ from .textures import read_picture
 from .transform import Chain, look_at, rest_pose, rotation_matrix, turns_between, uv_transform
 from .validate import check_transform, make_mesh
 
+if TYPE_CHECKING:
+    from ..graph import CompiledGraph
+
 KeyPath = tuple[str | int, ...]
 
 _MAPS = {
@@ -50,6 +56,23 @@ _MAPS = {
     "emission_texture": True,
     "normal_texture": False,
 }
+
+# What keys of a material are about, besides what is called as they are.
+_ABOUT = {
+    "base_color_texture": ("base_color",),
+    "metallic_roughness_texture": ("metallic", "roughness"),
+    "emission_texture": ("emission",),
+    "normal_texture": ("normal",),
+    "normal_scale": ("normal",),
+}
+_REFLECTING = {
+    "roughness",
+    "ior",
+    "specular_color",
+    "metallic_roughness_texture",
+}  # what asks for a dielectric's reflection
+_RANGES = {"emission": (0.0, 1e30), "ior": (1.0, 1e4)}  # of a document's constants; of all others 0 .. 1
+_MOST_NAMES = 20  # in a message
 
 
 @dataclass(frozen=True)
@@ -85,8 +108,9 @@ def load_toml(path: Path, name: str, folder: Folder, load_file: Callable[[Path, 
     document = _parse(read_text(path, name), name)
     table = _check(document)
     part = Part()
-    materials = _add_materials(part, table, document, path, folder)
-    sources = _load_meshes(table, document, path, folder, load_file)
+    adder = _Materials(part, document, path, folder)
+    materials = {name: adder.add(name, material) for name, material in table.materials.items()}
+    sources = _load_meshes(table, document, path, folder, load_file, materials)
     _add_instances(part, table, document, materials, sources)
     part.lights += map(_light, table.lights)
     if table.camera is not None:
@@ -194,37 +218,98 @@ def _path_in_file(data: object, location: KeyPath) -> KeyPath:
     return path
 
 
-def _add_materials(
-    part: Part, table: schema.SceneTable, document: _Document, path: Path, folder: Folder
-) -> dict[str, int]:
-    """Add the file's materials and textures; returns the materials' indices by name."""
-    textures: dict[tuple, int] = {}
+class _Materials:
+    """Adds the file's materials, with their textures and graphs, to a part; what several share is there once."""
 
-    def use(source: schema.TextureTable | None, key: KeyPath, srgb: bool) -> TextureUse | None:
+    def __init__(self, part: Part, document: _Document, path: Path, folder: Folder):
+        self._part, self._document, self._path, self._folder = part, document, path, folder
+        self._textures: dict[tuple, int] = {}
+        self._graphs: dict[tuple, tuple[CompiledGraph, tuple[TextureUse, ...]]] = {}
+
+    def add(self, name: str, table: schema.MaterialTable) -> int:
+        """Returns the material's index."""
+        here: KeyPath = ("materials", name)
+        values = {field: getattr(table, field) for field in schema.MaterialTable.model_fields}
+        del values["graph_material"]
+        values |= {field: self._use(values[field], (*here, field), srgb) for field, srgb in _MAPS.items()}
+        given = set(table.model_fields_set)
+        if table.graph is not None:
+            graph, values["graph_textures"] = self._graph(table, here)
+            self._check_driven(graph, given, here)
+            values["graph"] = graph if graph.outputs else None
+            values |= {n: _in_range(n, value) for n, value in graph.graph.constants.items() if n not in given}
+            given |= graph.outputs.keys() | graph.graph.constants.keys()
+        if "specular" not in given:
+            values["specular"] = 1.0 if _REFLECTING & given else 0.0
+        self._part.materials.append(Material(name, **values))
+        return len(self._part.materials) - 1
+
+    def _use(self, source: schema.TextureTable | None, key: KeyPath, srgb: bool) -> TextureUse | None:
         if source is None:
             return None
-        where = document.where(_path_in_file(document.data, (*key, "file")))
-        file = folder.find(source.file, path, where)
-        kind = (file, srgb, source.wrap)
-        if kind not in textures:
-            textures[kind] = len(part.textures)
-            pixels = read_picture(file, f"{where}: {source.file!r}")
-            part.textures.append(Texture(source.file, pixels, srgb, source.wrap))
-        return TextureUse(textures[kind], uv_transform(source.offset, math.radians(source.rotation), source.scale))
+        where = self._document.where(_path_in_file(self._document.data, (*key, "file")))
+        texture = self._texture(
+            self._folder.find(source.file, self._path, where), source.file, where, srgb, source.wrap
+        )
+        return TextureUse(texture, uv_transform(source.offset, math.radians(source.rotation), source.scale))
 
-    indices = {}
-    for name, material in table.materials.items():
-        indices[name] = len(part.materials)
-        fields = {field: getattr(material, field) for field in schema.MaterialTable.model_fields}
-        maps = {field: use(fields[field], ("materials", name, field), srgb) for field, srgb in _MAPS.items()}
-        part.materials.append(Material(name, **(fields | maps | {"specular": material.reflection})))
-    return indices
+    def _texture(self, file: Path, name: str, where: str, srgb: bool, wrap: tuple[str, str]) -> int:
+        """The index of the picture in a file, which is called `name` where it is named."""
+        kind = (file, srgb, wrap)
+        if kind not in self._textures:
+            self._textures[kind] = len(self._part.textures)
+            self._part.textures.append(Texture(name, read_picture(file, f"{where}: {name!r}"), srgb, wrap))
+        return self._textures[kind]
+
+    def _graph(self, table: schema.MaterialTable, here: KeyPath) -> tuple["CompiledGraph", tuple[TextureUse, ...]]:
+        from ..graph import read
+        from ..graph.model import printable
+
+        file = self._folder.find(table.graph, self._path, self._document.where((*here, "graph")))
+        key = (file, table.graph_material)
+        if key not in self._graphs:
+            start = time.perf_counter()
+            graph = read(file, printable(table.graph), self._folder, table.graph_material)
+            self._part.graph_seconds += time.perf_counter() - start
+            self._part.notes += (f"{table.graph}: {note}" for note in graph.graph.notes)
+            pictures = zip(graph.files, graph.graph.textures, strict=True)
+            textures = (self._texture(file, t.file, t.place, t.srgb, t.wrap) for file, t in pictures)
+            self._graphs[key] = graph, tuple(map(TextureUse, textures))
+        return self._graphs[key]
+
+    def _check_driven(self, graph: "CompiledGraph", given: Collection[str], here: KeyPath) -> None:
+        """Raise SceneError where the table gives what the graph computes."""
+        for key in schema.MaterialTable.model_fields:
+            driven = [name for name in (key, *_ABOUT.get(key, ())) if name in graph.outputs]
+            if key in given and driven:
+                raise self._document.error((*here, key), f"the graph computes {driven[0]}; expected either, not both")
+
+
+def _in_range(name: str, value: float | bool | tuple[float, ...]) -> float | bool | tuple[float, ...]:
+    """A document's constant, clamped as kernels clamp what graphs compute."""
+    if isinstance(value, bool):
+        return value
+    low, high = _RANGES.get(name, (0.0, 1.0))
+    return tuple(min(max(x, low), high) for x in value) if isinstance(value, tuple) else min(max(value, low), high)
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A mesh that instances place: what its file holds, and which of its materials are replaced by which of the scene's."""
+
+    part: Part
+    replaced: Mapping[int, int]
 
 
 def _load_meshes(
-    table: schema.SceneTable, document: _Document, path: Path, folder: Folder, load_file: Callable[[Path, str], Part]
-) -> dict[str, Part]:
-    """Each mesh that an instance uses, as a part."""
+    table: schema.SceneTable,
+    document: _Document,
+    path: Path,
+    folder: Folder,
+    load_file: Callable[[Path, str], Part],
+    materials: Mapping[str, int],
+) -> dict[str, _Source]:
+    """Each mesh that an instance uses. materials: the scene's, by name."""
     sources = {}
     for name, source in table.meshes.items():
         if not any(instance.mesh == name for instance in table.instances):
@@ -234,12 +319,30 @@ def _load_meshes(
             file = folder.find(source.file, path, where)
             if file.suffix.lower() == ".toml":
                 raise document.error(("meshes", name, "file"), f"{source.file!r} is a scene; expected a mesh file")
-            sources[name] = load_file(file, source.file)
+            part = load_file(file, source.file)
             if not source.animated:
-                _stop(sources[name])
+                _stop(part)
+            sources[name] = _Source(part, _replaced(source, part, ("meshes", name, "materials"), document, materials))
         else:
-            sources[name] = _generated(source, name, document)
+            sources[name] = _Source(_generated(source, name, document), {})
     return sources
+
+
+def _replaced(
+    source: schema.FileMesh, part: Part, here: KeyPath, document: _Document, materials: Mapping[str, int]
+) -> dict[int, int]:
+    """Which of a file's materials are replaced: the scene's index by the file's. Names may stand for several of the file."""
+    numbers: dict[str, list[int]] = {}
+    for number, material in enumerate(part.materials):
+        numbers.setdefault(material.name, []).append(number)
+    replaced = {}
+    for old, new in source.materials.items():
+        if old not in numbers:
+            raise document.error((*here, old), _unknown(old, numbers, f"the materials of {source.file!r}"))
+        if new not in materials:
+            raise document.error((*here, old), _unknown(new, materials, "[materials]"))
+        replaced |= dict.fromkeys(numbers[old], materials[new])
+    return replaced
 
 
 def _stop(part: Part) -> None:
@@ -262,28 +365,40 @@ def _generated(source: schema.MeshSource, name: str, document: _Document) -> Par
 
 
 def _add_instances(
-    part: Part, table: schema.SceneTable, document: _Document, materials: dict[str, int], sources: dict[str, Part]
+    part: Part, table: schema.SceneTable, document: _Document, materials: dict[str, int], sources: dict[str, _Source]
 ) -> None:
     first_mesh: dict[str, int] = {}
     painted: dict[tuple[int, int], int] = {}
     for index, instance in enumerate(table.instances):
         here: KeyPath = ("instances", index)
         if instance.mesh not in table.meshes:
-            raise document.error((*here, "mesh"), _unknown(instance.mesh, table.meshes, "meshes"))
+            raise document.error((*here, "mesh"), _unknown(instance.mesh, table.meshes, "[meshes]"))
         if instance.material is not None and instance.material not in materials:
-            raise document.error((*here, "material"), _unknown(instance.material, materials, "materials"))
+            raise document.error((*here, "material"), _unknown(instance.material, materials, "[materials]"))
         motion = _instance_motion(instance, document, here)
         source = sources[instance.mesh]
         if instance.mesh not in first_mesh:
-            first_mesh[instance.mesh] = part.add_assets(source)
-        for inner in source.instances:
+            first_mesh[instance.mesh] = _add_source(part, source)
+        for inner in source.part.instances:
             mesh = first_mesh[instance.mesh] + inner.mesh
             if instance.material is not None:
                 mesh = _painted(part, painted, mesh, materials[instance.material])
             part.instances.append(place_instance(replace(inner, mesh=mesh), motion))
-        part.lights += [place_light(light, motion) for light in source.lights]
-        if part.camera is None and source.camera is not None:
-            part.camera = place_camera(source.camera, motion)
+        part.lights += [place_light(light, motion) for light in source.part.lights]
+        if part.camera is None and source.part.camera is not None:
+            part.camera = place_camera(source.part.camera, motion)
+
+
+def _add_source(part: Part, source: _Source) -> int:
+    """Add what a mesh file holds; returns the index of its first mesh."""
+    first_material = len(part.materials)
+    first_mesh = part.add_assets(source.part)
+    if source.replaced:
+        material = np.arange(len(part.materials), dtype=np.uint32)
+        for old, new in source.replaced.items():
+            material[first_material + old] = new
+        part.meshes[first_mesh:] = [replace(m, material=material[m.material]) for m in part.meshes[first_mesh:]]
+    return first_mesh
 
 
 def _painted(part: Part, painted: dict[tuple[int, int], int], mesh: int, material: int) -> int:
@@ -295,8 +410,12 @@ def _painted(part: Part, painted: dict[tuple[int, int], int], mesh: int, materia
     return painted[mesh, material]
 
 
-def _unknown(name: str, known: dict[str, object], table: str) -> str:
-    return f"no {name!r} in [{table}]; expected one of " + (", ".join(known) or "none, the table is empty")
+def _unknown(name: str, known: Collection[str], where: str) -> str:
+    if not known:
+        return f"no {name!r} in {where}; there is none"
+    near = difflib.get_close_matches(name, known, 1, cutoff=0.5)
+    listed = ", ".join([*known][:_MOST_NAMES]) + (", ..." if len(known) > _MOST_NAMES else "")
+    return f"no {name!r} in {where}; " + (f"did you mean {near[0]!r}?" if near else f"expected one of {listed}")
 
 
 def _instance_motion(instance: schema.InstanceTable, document: _Document, path: KeyPath) -> Chain:

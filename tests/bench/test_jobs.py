@@ -53,6 +53,7 @@ look_at = [0.0, 0.0, 0.0]
 fov_y = 45.0
 """
 SIZE = (32, 16)
+MEASURED = tuple(name for name in FAMILIES if name != "memo")  # which has many variants to build: test_memo_bench.py
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def index():
 
 @pytest.fixture(scope="module")
 def results(scene, index):
-    return list(measure(Job(tuple(FAMILIES), index, 1, 3, SIZE, (scene,))))
+    return list(measure(Job(MEASURED, index, 1, 3, SIZE, (scene,))))
 
 
 def named(results, family):
@@ -77,7 +78,7 @@ def named(results, family):
 
 
 def test_every_family_has_results(results):
-    assert {r.family for r in results} == set(FAMILIES)
+    assert {r.family for r in results} == set(MEASURED)
     for r in results:
         assert len(r.seconds) == 3
         assert min(r.seconds) >= 0

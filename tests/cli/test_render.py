@@ -64,10 +64,11 @@ class FakeRenderer:
             "seed": 1,
             "temporal": self.options["temporal"] or "none",
             "stereo_blend": self.options["stereo_blend"] or "none",
+            "memo": {"kind": self.options["memo"] or "off", "materials": []},
             "spp": self.spp,
             "size": list(self.size),
         }
-        return stats | {"seconds": {"bvh_build": 0.0, "compile": 0.25, "render": 1.0}}
+        return stats | {"seconds": {"graphs": 0.0, "bvh_build": 0.0, "compile": 0.25, "render": 1.0}}
 
     def frames(self, first, end, progress=None):
         self.options["on_compile"]("trace")
@@ -121,8 +122,8 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
     assert main(["render", "rooms/scene.toml"]) == 0
     options = FakeRenderer.options
     assert options["scene"] is project.scene
-    own = "method size stereo seed spp until_relmse temporal stereo_blend device threads"
-    assert [options[name] for name in own.split()] == [None] * 10
+    own = "method size stereo seed spp until_relmse temporal stereo_blend memo device threads"
+    assert [options[name] for name in own.split()] == [None] * 11
     assert (options["settings"], options["aovs"]) == ({}, ("albedo", "N", "Z"))
     assert project.allow_outside is False
     assert files() == ["out/rooms/frame_0003.exr", "out/rooms/frame_0004.exr"]
@@ -135,12 +136,12 @@ def test_what_is_not_given_is_left_to_the_scene(project, capsys):
 def test_what_is_given_reaches_the_renderer(project):
     arguments = "--method other --size 8x2 --frames 0:1 --fps 60 --stereo --spp 5 --seed 0 --set pathtrace.bounces=4"
     arguments += " --set pathtrace.roulette=1 --aov Z,N,Z --device pocl --threads 3 --allow-outside -o far/away"
-    arguments += " --temporal taa --stereo-blend samples"
+    arguments += " --temporal taa --stereo-blend samples --memo texel"
     assert main(["render", "s.toml", *arguments.split()]) == 0
     options = FakeRenderer.options
     assert (options["method"], options["size"], options["stereo"]) == ("other", (8, 2), True)
     assert (options["spp"], options["seed"]) == (5, 0)
-    assert (options["temporal"], options["stereo_blend"]) == ("taa", "samples")
+    assert (options["temporal"], options["stereo_blend"], options["memo"]) == ("taa", "samples", "texel")
     assert options["settings"] == {"pathtrace.bounces": 4, "pathtrace.roulette": 1}
     assert (options["device"], options["threads"], options["aovs"]) == ("pocl", 3, ("Z", "N"))
     assert options["scene"].defaults.fps == 60.0
@@ -150,7 +151,8 @@ def test_what_is_given_reaches_the_renderer(project):
         assert {"R", "right.R", "right.Z", "N.right.X"} <= set(file.channels())
         assert not any(name.startswith("albedo") for name in file.channels())
         assert file.header()["framesPerSecond"] == 60
-        assert (file.header()["temporal"], file.header()["stereoBlend"]) == ("taa", "samples")
+        header = file.header()
+        assert (header["temporal"], header["stereoBlend"], header["memo"]) == ("taa", "samples", "texel")
 
 
 def test_every_view_says_how_many_samples_it_has(project, capsys):
@@ -190,7 +192,7 @@ def test_png_and_stats_are_written_on_request(project):
     assert files("o") == [f"o/{name}" for name in expected]
     stats = json.loads(Path("stats/s.json").read_text())
     assert stats["method"] == "pathtrace"
-    assert set(stats["seconds"]) == {"load", "bvh_build", "compile", "render"}
+    assert set(stats["seconds"]) == {"load", "graphs", "bvh_build", "compile", "render"}
     assert [frame["frame"] for frame in stats["frames"]] == [7]
 
 
@@ -220,6 +222,9 @@ def test_notes_and_what_was_dropped_are_said_on_a_line_each(project, capsys):
         ("--size 0x0", "--size"),
         ("--size 1e9x1e9", "--size"),
         ("--size 640", "--size"),
+        ("--memo texels", "--memo"),
+        ("--set memo.tile=7x7", "memo.tile: '7x7' is not a str in range; expected 2x2, 3x3"),
+        ("--set memo.tiel=4x4", "memo.tiel: unknown; did you mean memo.tile?"),
         ("--frames 5:2", "--frames"),
         ("--frames 5:5", "--frames"),
         ("--frames -1:3", "--frames"),
@@ -325,13 +330,38 @@ def test_a_scene_becomes_files_on_a_device(tmp_path, monkeypatch, capsys):
     assert set(stats["device"]) == {"platform", "name", "driver", "threads"}
     assert {"file", "triangles", "instances", "materials"} <= set(stats["scene"])
     assert set(stats["memory"]) == {"bvh", "textures", "cache", "total"}
-    assert set(stats["seconds"]) == {"load", "bvh_build", "compile", "render"}
+    assert set(stats["seconds"]) == {"load", "graphs", "bvh_build", "compile", "render"}
     (frame,) = stats["frames"]
     assert set(frame) == {"frame", "seconds", "eyes"} and set(frame["eyes"]) == {"left", "right"}
     for eye in frame["eyes"].values():
         assert set(eye) == {"passes", "rays", "cache", "spp"}
         assert set(eye["rays"]) == {"primary", "secondary", "shadow"}
         assert eye["rays"]["primary"] == 16 * 9 * 2
+
+
+def test_a_scene_of_graphs_with_a_memo(tmp_path, monkeypatch, capsys):
+    """What was kept is counted, the files say so, and frames of another memo are not gone on from."""
+    monkeypatch.chdir(tmp_path)
+    Path("s.graph").write_text("UVInput Out>0; Dot A<0 B<0 Out>1; ColorOutput In<1;\n")
+    ball = '[meshes.b]\ngenerator = "sphere"\n[[instances]]\nmesh = "b"\nmaterial = "m"\n'
+    Path("s.toml").write_text('[materials.m]\ngraph = "s.graph"\n' + ball)
+    command = ["render", "s.toml", "-o", "o", "--size=16x9", "--spp=2", "--set=memo.auto=false"]
+    assert main([*command, "--memo=texel", "--stats=s.json"]) == 0
+    stats = json.loads(Path("s.json").read_text())
+    (graph,) = stats["memo"]["materials"]
+    assert (stats["memo"]["kind"], graph["materials"], graph["memoized"]) == ("texel", ["m"], True)
+    counters = stats["frames"][0]["eyes"]["mono"]["memo"]
+    assert counters["lookups"] > counters["inserted"] == counters["occupied"] > 0
+    with OpenEXR.File("o/frame_0000.exr", header_only=True) as file:
+        assert file.header()["memo"] == "texel"
+    capsys.readouterr()
+    assert main([*command, "--memo=texel", "--resume"]) == 0
+    assert capsys.readouterr().out == "o: all 1 frames are there\n"
+    assert main([*command, "--memo=tile", "--resume"]) == 2
+    assert (
+        "frame_0000.exr: memo is texel there and tile here; expected frames of the same render"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ STATS = {
     "seed": 2**64 - 1,
     "temporal": "taa",
     "stereo_blend": "samples",
+    "memo": {"kind": "tile", "materials": []},
 }
 # At (1, 2, 3), looking along +X with +Y up: the camera's axes -Z, Y and X are the world's X, Y and Z.
 TRANSFORM = np.array([[0.0, 0.0, -1.0, 1.0], [0.0, 1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 3.0]])
@@ -136,7 +137,7 @@ def test_header_says_where_the_picture_comes_from(tmp_path):
     assert header["scene"] == "data/cornell/scene.toml"
     assert header["sceneDigest"] == scene_digest(scene()) and header["cameraDigest"] == camera_digest(scene())
     assert header["method"] == "pathtrace"
-    assert (header["temporal"], header["stereoBlend"]) == ("taa", "samples")
+    assert (header["temporal"], header["stereoBlend"], header["memo"]) == ("taa", "samples", "tile")
     assert json.loads(header["settings"]) == {"pathtrace.bounces": 3}
     assert int(header["seed"]) == 2**64 - 1
     assert (header["frame"], header["spp"], header["right.spp"]) == (7, 16, 17)

@@ -199,6 +199,7 @@ def test_digests_that_all_files_share_are_kept(tmp_path, other):
         ({"scene": "t.toml"}, r"scene: .*b\.exr has t\.toml and .*a\.exr s\.toml; expected the same"),
         ({"method": "octree"}, "method: .* has octree"),
         ({"frame": 5}, "frame: .* has 5 and .* 4"),
+        ({"memo": "texel"}, "memo: .* has texel and .* off"),
         ({"framesPerSecond": Fraction(30)}, "fps: .* has 30.0"),
         ({"settings": '{"pathtrace.bounces": 4}'}, r"setting pathtrace.bounces: .* has 4 and .* 3"),
         ({"settings": '{"pathtrace.bounces": 3, "new": 1}'}, "setting new: .* has 1 and .* none"),

@@ -241,6 +241,8 @@ def turned(scene):
         ({"settings": {"samplecache.target": 7}}, "settings samplecache.target is 4.0 there and 7.0 here"),
         ({"settings": {"taa.alpha": 0.5}}, "filters taa.alpha is 0.1 there and 0.5 here"),
         ({"temporal": "taa"}, "temporal is none there and taa here"),
+        ({"memo": "texel"}, "memo is off there and texel here"),
+        ({"settings": {"memo.bias": 1}}, "settings memo.bias is 0.0 there and 1.0 here"),
         ({"size": (9, 12)}, r"size is \[12, 9\] there and \[9, 12\] here"),
         ({"stereo": True}, r"eyes is \['mono'\] there and \['left', 'right'\] here"),
         ({"stereo": True, "stereo_blend": "constant"}, "stereo_blend is none there and constant here"),

@@ -266,7 +266,7 @@ def test_ascii_ply_that_ends_early_is_refused(tmp_path):
 
 
 def test_the_library_prints_nothing():
-    code = "import logging, clcache.scene; logging.getLogger('trimesh').warning('x')"
+    code = "import logging, clcache.scene.meshfile; logging.getLogger('trimesh').warning('x')"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
     )

@@ -195,7 +195,7 @@ def test_schema_errors(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mesh = 'bal'", ":5: instances.0.mesh: no 'bal' in [meshes]; expected one of ball"),
+        ("mesh = 'bal'", ":5: instances.0.mesh: no 'bal' in [meshes]; did you mean 'ball'?"),
         ("mesh = 'ball'\nmaterial = 'red'", ":6: instances.0.material: no 'red' in [materials]"),
         ("mesh = 'ball'\nscale = 0", ":4: instances.0: the transform cannot be inverted"),
         ("mesh = 'ball'\nscale = [1, 1e-12, 1]", ":4: instances.0: the transform cannot be inverted"),

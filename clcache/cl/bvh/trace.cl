@@ -7,12 +7,6 @@
 
 #include "bvh/queue.cl"
 
-#if __has_attribute(intel_vec_len_hint)
-#define ONE_BY_ONE __attribute__((intel_vec_len_hint(1)))  // else Intel's compiler makes vectors of these vectors
-#else
-#define ONE_BY_ONE
-#endif
-
 ONE_BY_ONE __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void closest_hit(
     __global const Node *top_nodes,         // (top_inner)
     __global const Node *nodes,             // (inner)

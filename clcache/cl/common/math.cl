@@ -16,6 +16,14 @@
 #define INLINED inline __attribute__((always_inline))
 #endif
 
+// For kernels that have vectors of their own, or work through calls: Intel's compiler makes vectors of neighbouring work-items all the
+// same, which is slower, and of vectors passed to functions wrong.
+#if __has_attribute(intel_vec_len_hint)
+#define ONE_BY_ONE __attribute__((intel_vec_len_hint(1)))
+#else
+#define ONE_BY_ONE
+#endif
+
 // Three numbers of one item, in place of float3: PoCL computes neighbouring work-items in the lanes of vectors, but only those
 // whose code has no vectors of its own.
 typedef struct Vec3 {

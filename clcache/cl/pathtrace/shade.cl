@@ -29,13 +29,13 @@ INLINED Bsdf make_bsdf(const Surface *surface, __global const Material *m)
     float metallic = surface->metallic, rest = 1.0f - metallic;
     bool behind = surface->from_behind, is_thin = m->thin != 0;
     float transmission = m->transmission, ior = m->ior, reflected = (ior - 1.0f) / (ior + 1.0f);
-    Vec3 tint = scale3(reflected * reflected, load3(m->specular_color));
-    Vec3 dielectric = scale3(m->specular, vec3(fmin(tint.x, 1.0f), fmin(tint.y, 1.0f), fmin(tint.z, 1.0f)));
+    Vec3 tint = scale3(reflected * reflected, surface->specular_color);
+    Vec3 dielectric = scale3(surface->specular, vec3(fmin(tint.x, 1.0f), fmin(tint.y, 1.0f), fmin(tint.z, 1.0f)));
     bsdf.diffuse = scale3(rest * (1.0f - transmission), base);
     bsdf.transmitted = scale3(rest * transmission, base);
     bool is_black = behind && m->double_sided == 0 && !(transmission > 0.0f);  // and so is its reflection
     bsdf.f0 = either3(is_black, all3(0.0f), add3(dielectric, scale3(metallic, sub3(base, dielectric))));
-    bsdf.f90 = is_black ? 0.0f : m->specular + metallic * (1.0f - m->specular);
+    bsdf.f90 = is_black ? 0.0f : surface->specular + metallic * (1.0f - surface->specular);
     bsdf.alpha = surface->roughness * surface->roughness;
     bsdf.thin = is_thin;
     bsdf.eta = behind && !is_thin ? 1.0f / ior : ior;
@@ -105,6 +105,7 @@ __kernel void shade(
     __global const float *hit_uv,          // (2, n)
     __global const uint *hit_primitive,    // (n)
     __global const uint *hit_instance,     // (n)
+    __global const float *graph_value,     // (channels, n) or null
     __global float *cone,                  // (2, n) or null
     __global float *ray_origin,            // (3, n)
     __global float *ray_direction,         // (3, n)
@@ -144,7 +145,8 @@ __kernel void shade(
 #endif
     uint number = missed ? 0 : hit_instance[i], primitive = missed ? 0 : hit_primitive[i];
     float u = missed ? 0.0f : hit_uv[i], v = missed ? 0.0f : hit_uv[n + i];
-    Surface surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread);
+    GraphValues graph = { graph_value, n, i };
+    Surface surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread, &graph);
     __global const Material *m = materials + surface.material;
 
 #if HAS_EMISSION
@@ -229,6 +231,7 @@ __kernel void finish(
     __global const float *hit_uv,             // (2, n)
     __global const uint *hit_primitive,       // (n)
     __global const uint *hit_instance,        // (n)
+    __global const float *graph_value,        // (channels, n) or null
     __global const float *cone,               // (2, n) or null
     __global const float *ray_direction,      // (3, n)
     __global const float *ray_length,         // (n)
@@ -258,7 +261,8 @@ __kernel void finish(
 #endif
     uint number = missed ? 0 : hit_instance[i], primitive = missed ? 0 : hit_primitive[i];
     float u = missed ? 0.0f : hit_uv[i], v = missed ? 0.0f : hit_uv[n + i];
-    surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread);
+    GraphValues graph = { graph_value, n, i };
+    surface = find_surface(&scene, number, primitive, u, v, t, direction, cone_width, cone_spread, &graph);
 #endif
     Vec3 found = found_light(&surface, &far, materials + surface.material, missed, t, direction, density[i]);
     found = mul3(load_vec3(throughput, n, i), found);
@@ -284,6 +288,7 @@ __kernel void first_hits(
     __global const float *hit_uv,         // (2, n)
     __global const uint *hit_primitive,   // (n)
     __global const uint *hit_instance,    // (n)
+    __global const float *graph_value,    // (channels, n) or null
     __global const float *cone,           // (2, n) or null
     __global const float *ray_direction,  // (3, n)
     __global float *albedo_sum,           // (3, n)
@@ -304,7 +309,8 @@ __kernel void first_hits(
     uint number = missed ? 0 : hit_instance[i], primitive = missed ? 0 : hit_primitive[i];
     float u = missed ? 0.0f : hit_uv[i], v = missed ? 0.0f : hit_uv[n + i];
     Vec3 direction = load_vec3(ray_direction, n, i);
-    Surface surface = find_surface(&scene, number, primitive, u, v, hit_t[i], direction, cone_width, cone_spread);
+    GraphValues graph = { graph_value, n, i };
+    Surface surface = find_surface(&scene, number, primitive, u, v, hit_t[i], direction, cone_width, cone_spread, &graph);
     store_planes(albedo_sum, n, i, add3(load_vec3(albedo_sum, n, i), either3(missed, all3(0.0f), surface.albedo)));
     store_planes(N_sum, n, i, add3(load_vec3(N_sum, n, i), either3(missed, all3(0.0f), surface.shading_normal)));
 }

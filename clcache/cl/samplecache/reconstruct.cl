@@ -86,6 +86,7 @@ __kernel void resolve(
     __global const uint *first_hit,       // (slots, pixels, 4)
     __global const uint *shading,         // (slots, pixels, 4)
     __global const uint *samples,         // (capacity)
+    __global const float *graph_value,    // (channels, n) or null
     __global float *sample_value,         // (3, n)
     __global float *sample_weight,        // (n)
     __global float *sample_albedo,        // (3, n) or null
@@ -110,9 +111,10 @@ __kernel void resolve(
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
 #endif
 #if DEMODULATE
     Vec3 albedo = either3(is_far, all3(1.0f), modulation(&surface));
@@ -323,6 +325,7 @@ __kernel void describe(
     __global const float *srgb,           // (256) or null
     __global const uint *first_hit,       // (slots, pixels, 4)
     __global const uint *samples,         // (capacity)
+    __global const float *graph_value,    // (channels, n) or null
     __global float *sample_base,          // (3, n)
     __global float *sample_normal,        // (3, n)
     __global float *sample_depth,         // (n)
@@ -342,9 +345,10 @@ __kernel void describe(
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
     store_planes(sample_base, n, i, either3(is_far, all3(0.0f), surface.albedo));
     store_planes(sample_normal, n, i, either3(is_far, all3(0.0f), surface.shading_normal));
     sample_depth[i] = is_far ? INFINITY : t * dot3(forward_of(&camera), direction);

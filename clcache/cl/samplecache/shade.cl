@@ -87,6 +87,7 @@ __kernel void accumulate(
     __global uint *shading,               // (slots, pixels, 4)
     __global const uint *shaded,          // (capacity)
     __global const float *radiance,       // (3, n)
+    __global const float *graph_value,    // (channels, n) or null
     Camera camera,
     float fixed_part,
     uint n,
@@ -104,15 +105,18 @@ __kernel void accumulate(
     __global const Material *m = materials + unpack_material(hit);
     Vec3 brought = load_vec3(radiance, n, i);
     float metallic = m->metallic, roughness = m->roughness;
-#if DEMODULATE || (HAS_SPECULAR && HAS_METALLIC_ROUGHNESS_MAPS)
+    float specular = m->specular * max_component(load3(m->specular_color));
+#if DEMODULATE || (HAS_SPECULAR && (HAS_METALLIC_ROUGHNESS_MAPS || HAS_GRAPHS))
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
     metallic = surface.metallic;
     roughness = surface.roughness;
+    specular = tinted_specular(&surface);
 #endif
 #if DEMODULATE
     Vec3 divisor = modulation(&surface);
@@ -120,7 +124,7 @@ __kernel void accumulate(
 #endif
     __global uint *words = shading + words_of(sample);
     uint counted = words[3] & 0xFFFFu;
-    float least = fixed_part > 0.0f ? fixed_part : least_part(metallic, roughness, m);
+    float least = fixed_part > 0.0f ? fixed_part : least_part(metallic, roughness, specular, m);
     float part = fmax(1.0f / (float)(int)(counted + 1), least);
     Vec3 before = vec3(as_float(words[0]), as_float(words[1]), as_float(words[2]));
     Vec3 after = add3(before, scale3(part, sub3(brought, before)));

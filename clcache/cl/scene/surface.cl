@@ -9,7 +9,7 @@
 // Detail Using Ray Cones", JCGT 10(1); MaterialMemo, section 2.2): the cone's width across the ray, in units of the texture.
 //
 // Defines: HAS_NORMALS, HAS_TEXTURES, HAS_BASE_COLOR_MAPS, HAS_METALLIC_ROUGHNESS_MAPS, HAS_EMISSION_MAPS, HAS_NORMAL_MAPS,
-// HAS_SPECULAR, HAS_TRANSMISSION, HAS_EMISSIVE: compiled out where the scene has none.
+// HAS_SPECULAR, HAS_TRANSMISSION, HAS_EMISSIVE, HAS_GRAPHS: compiled out where the scene has none.
 
 #include "common/bsdf.cl"
 #include "common/transform.cl"
@@ -27,12 +27,25 @@ typedef struct Triangles {
     Masks masks;
 } Triangles;
 
+// What the graph of a hit's material returned (cl/memo): its outputs, packed, as the material says.
+typedef struct GraphValues {
+    __global const float *values;  // (channels, n), or null where no graph is asked
+    uint n, i;
+} GraphValues;
+
+// Places among a material's `outputs`, in the order of clcache.graph.OUTPUTS.
+typedef enum GraphOutput {
+    GRAPH_BASE_COLOR, GRAPH_METALLIC, GRAPH_ROUGHNESS, GRAPH_SPECULAR, GRAPH_SPECULAR_COLOR, GRAPH_EMISSION, GRAPH_NORMAL
+} GraphOutput;
+
 typedef struct Surface {
     Vec3 point;
     float offset;
     Vec3 geometric_normal, shading_normal;  // on the side that the ray came from
     Vec3 albedo;
     float metallic, roughness;
+    float specular;
+    Vec3 specular_color;
     Vec3 emitted;
     uint material;
     bool from_behind;
@@ -51,15 +64,38 @@ inline float edge_curvature(Vec3 edge, Vec3 turn)
     return squared > 0.0f ? dot3(turn, edge) / squared : 0.0f;
 }
 
+// How strong the dielectric reflection is, where its tint is strongest.
+inline float tinted_specular(const Surface *surface)
+{
+    return surface->specular * max_component(surface->specular_color);
+}
+
 // v scaled by a power of two, so that products of it neither under- nor overflow.
 inline Vec3 moderate3(Vec3 v)
 {
     return scale3(scale_to_one(max_component(abs3(v))), v);
 }
 
-// The surface where a ray in `direction` hit a triangle at (u, v), t along the ray; the cone is that at the ray's origin.
+// A number or three of a graph's, brought into a range; what the material has where the graph leaves it to that.
+INLINED float graph_number(const GraphValues *graph, int place, float low, float high, float otherwise)
+{
+    bool is_there = graph->values && place >= 0;
+    float value = is_there ? graph->values[(uint)max(place, 0) * graph->n + graph->i] : otherwise;
+    return is_there ? fmin(fmax(value, low), high) : otherwise;
+}
+
+INLINED Vec3 graph_vector(const GraphValues *graph, int place, float low, float high, Vec3 otherwise)
+{
+    return vec3(graph_number(graph, place, low, high, otherwise.x),
+                graph_number(graph, place < 0 ? -1 : place + 1, low, high, otherwise.y),
+                graph_number(graph, place < 0 ? -1 : place + 2, low, high, otherwise.z));
+}
+
+
+// The surface where a ray in `direction` hit a triangle at (u, v), t along the ray; the cone is that at the ray's origin. graph: what the
+// material's graph returned there.
 INLINED Surface find_surface(const Triangles *scene, uint number, uint primitive, float u, float v, float t, Vec3 direction,
-                            float cone_width, float cone_spread)
+                            float cone_width, float cone_spread, const GraphValues *graph)
 {
     const Masks *masks = &scene->masks;
     Surface surface;
@@ -98,7 +134,8 @@ INLINED Surface find_surface(const Triangles *scene, uint number, uint primitive
     uint index = masks->material[triangle];
     __global const Material *m = masks->materials + index;
     Vec3 color = load3(m->base_color), light = load3(m->emission);
-    float metallic = m->metallic, roughness = m->roughness;
+    float metallic = m->metallic, roughness = m->roughness, specular = m->specular;
+    Vec3 specular_color = load3(m->specular_color);
     bool faces = !from_behind || m->double_sided != 0;
 
 #if HAS_TEXTURES
@@ -137,6 +174,15 @@ INLINED Surface find_surface(const Triangles *scene, uint number, uint primitive
     texel = sample_map(maps, m->emission_map, across, down, footprint);
     light = mul3(light, vec3(texel.x, texel.y, texel.z));
 #endif
+#if HAS_GRAPHS
+    __global const int *outputs = m->outputs;
+    color = graph_vector(graph, outputs[GRAPH_BASE_COLOR], 0.0f, 1.0f, color);
+    metallic = graph_number(graph, outputs[GRAPH_METALLIC], 0.0f, 1.0f, metallic);
+    roughness = graph_number(graph, outputs[GRAPH_ROUGHNESS], 0.0f, 1.0f, roughness);
+    specular = graph_number(graph, outputs[GRAPH_SPECULAR], 0.0f, 1.0f, specular);
+    specular_color = graph_vector(graph, outputs[GRAPH_SPECULAR_COLOR], 0.0f, 1.0f, specular_color);
+    light = graph_vector(graph, outputs[GRAPH_EMISSION], 0.0f, MAXFLOAT, light);
+#endif
 #if HAS_NORMAL_MAPS
     // The directions in which u and v grow, as glTF has them: v grows downwards in the picture, green points up.
     Vec3 along_u = scale3(1.0f / determinant, sub3(scale3(dv2, world_edge1), scale3(dv1, world_edge2)));
@@ -145,10 +191,17 @@ INLINED Surface find_surface(const Triangles *scene, uint number, uint primitive
     Vec3 tangent = normalize3(sub3(along_u, scale3(dot3(along_u, outward), outward)));
     Vec3 bitangent = cross3(outward, tangent);
     bitangent = either3(dot3(bitangent, along_v) > 0.0f, negate3(bitangent), bitangent);
+    Vec3 within = vec3(0.0f, 0.0f, 1.0f);
+    bool has_normal = m->normal_map >= 0;
     texel = sample_map(maps, m->normal_map, across, down, footprint);
-    Vec3 sideways = add3(scale3(texel.x * 2.0f - 1.0f, tangent), scale3(texel.y * 2.0f - 1.0f, bitangent));
-    Vec3 bent = normalize3(add3(scale3(m->normal_scale, sideways), scale3(texel.z * 2.0f - 1.0f, outward)));
-    bool is_bent = m->normal_map >= 0 && uv_area > 0.0f && dot3(bent, bent) > 0.5f;
+    within = either3(has_normal, vec3(texel.x * 2.0f - 1.0f, texel.y * 2.0f - 1.0f, texel.z * 2.0f - 1.0f), within);
+#if HAS_GRAPHS
+    within = graph_vector(graph, outputs[GRAPH_NORMAL], -MAXFLOAT, MAXFLOAT, within);
+    has_normal = has_normal || outputs[GRAPH_NORMAL] >= 0;
+#endif
+    Vec3 sideways = add3(scale3(within.x, tangent), scale3(within.y, bitangent));
+    Vec3 bent = normalize3(add3(scale3(m->normal_scale, sideways), scale3(within.z, outward)));
+    bool is_bent = has_normal && uv_area > 0.0f && dot3(bent, bent) > 0.5f;
     ns = either3(is_bent, either3(from_behind, negate3(bent), bent), ns);
 #endif
 #endif
@@ -165,6 +218,8 @@ INLINED Surface find_surface(const Triangles *scene, uint number, uint primitive
     surface.albedo = either3(reflects, color, all3(0.0f));
     surface.metallic = metallic;
     surface.roughness = roughness;
+    surface.specular = specular;
+    surface.specular_color = specular_color;
     surface.emitted = either3(faces, light, all3(0.0f));
     surface.material = index;
     surface.from_behind = from_behind;

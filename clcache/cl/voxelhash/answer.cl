@@ -39,6 +39,7 @@ __kernel void update_voxels(
     __global const uint *stream,          // (pixels)
     __global const uint *shaded_voxel,    // (pixels)
     __global const float *radiance,       // (3, n)
+    __global const float *graph_value,    // (channels, n) or null
     __global const float *voxel_start,    // (pixels, 4) or null
     __global float *voxel_radiance,       // (capacity, 4)
     __global uint *own_light,             // (pixels, 4)
@@ -56,9 +57,10 @@ __kernel void update_voxels(
     Maps maps = { uses, textures, texels, srgb };
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
     Vec3 divisor = modulation(&surface), brought = load_vec3(radiance, n, i);
     brought = vec3(brought.x / divisor.x, brought.y / divisor.y, brought.z / divisor.z);
     bool is_finite = fabs(brought.x + brought.y + brought.z) < INFINITY;
@@ -81,7 +83,7 @@ __kernel void update_voxels(
     before = either3(is_new, all3(0.0f), before);
 #endif
     __global const Material *m = materials + unpack_material(hit);
-    float least = fixed_part > 0.0f ? fixed_part : least_part(surface.metallic, surface.roughness, m);
+    float least = fixed_part > 0.0f ? fixed_part : least_part(surface.metallic, surface.roughness, tinted_specular(&surface), m);
     Vec3 after = add3(before, scale3(fmax(1.0f / (count + 1.0f), least), sub3(brought, before)));
     float counted = count * least < 1.0f ? fmin(count + 1.0f, MOST_VALUES) : count;
     if (is_finite && has_voxel) known[0] = after.x;
@@ -169,6 +171,7 @@ __kernel void answer_asked(
     __global const float *sky_edges,       // (sky_edges) or null
     __global const uint *first_hit,        // (slots, pixels, 4)
     __global const uint *samples,          // (capacity)
+    __global const float *graph_value,    // (channels, n) or null
     __global const uint *voxel,            // (pixels)
     __global const float *voxel_radiance,  // (places, 4)
     __global const uint *own_light,        // (pixels, 4)
@@ -195,9 +198,10 @@ __kernel void answer_asked(
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
     Sky far = { environment, sky, sky_rows, sky_columns, sky_density, sky_edges };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, near, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, near, &graph, &direction, &t);
     Resolved resolved = { sample_value, sample_weight, sample_albedo, answer_count, n };
     begin_answer(&resolved, i, &far, hit, is_far, &surface);
     uint entry = is_far ? NONE : voxel[sample];
@@ -224,6 +228,7 @@ __kernel void address_seen(
     __global const float *sky_edges,     // (sky_edges) or null
     __global const uint *first_hit,      // (slots, pixels, 4)
     __global const uint *samples,        // (capacity)
+    __global const float *graph_value,    // (channels, n) or null
     __global uint *seen_place,           // (2, n)
     __global uint *seen_check,           // (2, n)
     __global float *sample_value,        // (3, n)
@@ -248,9 +253,10 @@ __kernel void address_seen(
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
     Sky far = { environment, sky, sky_rows, sky_columns, sky_density, sky_edges };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, near, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, near, &graph, &direction, &t);
     Resolved resolved = { sample_value, sample_weight, sample_albedo, 0, n };
     begin_answer(&resolved, i, &far, hit, is_far, &surface);
     Geometry geometry = { positions, triangles, instances };

@@ -17,7 +17,7 @@
 
 inline bool follows_view(const Surface *surface, __global const Material *m)
 {
-    return least_part(surface->metallic, surface->roughness, m) > MOST_VIEW_DEPENDENT;
+    return least_part(surface->metallic, surface->roughness, tinted_specular(surface), m) > MOST_VIEW_DEPENDENT;
 }
 
 // A bit for each component of the albedo by which light is not divided as it is (albedo.cl): of such light a surface that is not as dark

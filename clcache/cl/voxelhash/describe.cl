@@ -50,7 +50,9 @@ __kernel void describe_voxels(
     __global float *aov_voxel,             // (pixels, 3)
     __global float *aov_level,             // (pixels)
     __global float *aov_count,             // (pixels)
+    __global const float *graph_value,    // (channels, n) or null
     Camera camera,
+    uint n,
     float factor,
     uint entries,
     uint update,
@@ -66,9 +68,10 @@ __kernel void describe_voxels(
     Triangles scene = { positions, normals, masks };
     Geometry geometry = { positions, triangles, instances };
     FirstHit hit = load_first_hit(first_hit, asked[i]);
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
     Seen seen = seen_point(&geometry, &camera, hit);
     Asked a = ask(&camera, &seen, factor, random_of_asking(pixel, update, key0, key1));
     Words hue = pcg4d(voxel_at(a.point, seen.normal, a.level, dark_of(&surface), 1).check, 1, 2, 3);

@@ -46,7 +46,9 @@ __kernel void address_asked(
     __global const uint *asked_stream,   // (pixels)
     __global uint *voxel_place,          // (pixels)
     __global uint *voxel_check,          // (pixels)
+    __global const float *graph_value,    // (channels, n) or null
     Camera camera,
+    uint n,
     float factor,
     uint blocks,
     uint entries,
@@ -61,9 +63,10 @@ __kernel void address_asked(
     Masks masks = { instances, triangles, material, uvs, materials, maps };
     Triangles scene = { positions, normals, masks };
     Geometry geometry = { positions, triangles, instances };
+    GraphValues graph = { graph_value, n, i };
     Vec3 direction;
     float t;
-    Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+    Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
     Seen seen = seen_point(&geometry, &camera, hit);
     Asked a = ask(&camera, &seen, factor, random_of_asking(asked_stream[i], update, key0, key1));
     Voxel voxel = voxel_at(a.point, seen.normal, a.level, dark_of(&surface), blocks);
@@ -200,7 +203,9 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void inherit(
     __global ulong *voxel_key,              // (capacity)
     __global const float *voxel_radiance,   // (capacity, 4)
     __global float *voxel_start,            // (pixels, 4)
+    __global const float *graph_value,    // (channels, n) or null
     Camera camera,
+    uint n,
     float factor,
     uint blocks,
     uint capacity,
@@ -224,9 +229,10 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void inherit(
         if (entry == NONE || voxel_radiance[words_of(entry) + 3] > 0.0f) continue;
         FirstHit hit = load_first_hit(first_hit, shaded[i]);
         Seen seen = seen_point(&geometry, &camera, hit);
+        GraphValues graph = { graph_value, n, i };
         Vec3 direction;
         float t;
-        Surface surface = surface_of(&scene, &camera, hit, &direction, &t);
+        Surface surface = surface_of(&scene, &camera, hit, &graph, &direction, &t);
         Asked a = ask(&camera, &seen, factor, random_of_asking(stream[i], update, key0, key1));
         float4 start = (float4)(0.0f);
         for (int aside = -1; aside <= 1; aside += 2) {
