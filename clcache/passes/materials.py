@@ -48,9 +48,9 @@ _RUN = 16  # places that one work-item goes through, as in cl/memo/texel.cl
 _TEXELS = 1 << 21  # for which there is room where no capacity is given
 _QUEUE = ("alive", *HITS, "ray_direction", "ray_length", "cone")
 _KEY_DEFINES = ("TILED", "TILE_WIDTH", "TILE_HEIGHT", "BILINEAR")  # all that keys depend on, besides the scene
-# Hits by which a graph's costs are measured: as many as take so many seconds to evaluate, of at least and at most so many.
+# Hits by which a graph's costs are measured: as many as take so many seconds to evaluate if all miss, of at least and at most so many.
 _BUDGET = 5e-4
-_LEAST_MEASURED, _MOST_MEASURED = 256, 4096
+_LEAST_MEASURED, _MOST_MEASURED = 64, 4096
 _LEAST_SECONDS = 2e-9  # of a hit: what is less is not known
 
 
@@ -314,7 +314,7 @@ def _measure(setup: GraphSetup, arrays: Mapping[str, cl_array.Array]) -> list[Co
         uploaded = {name: setup.device.upload(values, name) for name, values in _some_hits(scene, triangles).items()}
         known = rays | own | table | uploaded
         first = min(evaluated(known, _LEAST_MEASURED) for _ in range(2))
-        hits = int(np.clip(_BUDGET / first * _LEAST_MEASURED, _LEAST_MEASURED, _MOST_MEASURED))
+        hits = int(np.clip(_BUDGET / (first * built) * _LEAST_MEASURED, _LEAST_MEASURED, _MOST_MEASURED))
         misses = -int(arrays["memo_counters"].get()[COUNTERS.index("built")])
         seconds = [min(evaluated(known, hits) for _ in range(2)), looked_up(known, hits)]
         misses += int(arrays["memo_counters"].get()[COUNTERS.index("built")])
