@@ -188,7 +188,8 @@ def test_a_render_with_a_memo_says_what_it_kept():
         assert eye["memo"].keys() == set(COUNTERS) and eye["cache"] == eye["memo"]
         assert 0 < eye["memo"]["occupied"] <= eye["memo"]["capacity"] == 2**21
     assert first["memo"]["inserted"] == first["memo"]["occupied"] > 0
-    assert second["memo"]["hits"] > second["memo"]["inserted"] == second["memo"]["occupied"] - first["memo"]["occupied"]
+    # Two threads may insert the same key, of which one entry stays.
+    assert second["memo"]["hits"] > second["memo"]["inserted"] >= second["memo"]["occupied"] - first["memo"]["occupied"]
     assert [graph["memoized"] for graph in stats["memo"]["materials"]] == [True, True]
     assert stats["memory"]["cache"] >= 2**21 * 4 and stats["seconds"]["graphs"] > 0
     assert stats["features"]["HAS_GRAPHS"]
