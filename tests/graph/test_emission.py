@@ -231,7 +231,7 @@ def test_arrays_of_other_shapes_are_refused(tmp_path: Path) -> None:
 def test_examples_are_built_and_vary(device: Device, path: Path, inputs: dict) -> None:
     graph = clcache.graph.load(path)
     program = device.program("test.cl", {"test.cl": KERNEL, "graph/generated.cl": graph.source})
-    assert program.seconds > 0
+    assert [kernel.signature.name for kernel in program]
     values = graph.evaluate(**inputs)
     assert list(values) == list(graph.outputs)
     assert any(np.ptp(v) > 0.05 for v in values.values())
