@@ -290,8 +290,8 @@ class MemoLookUp:
 
 
 def _measure(setup: GraphSetup, arrays: Mapping[str, cl_array.Array]) -> list[Costs]:
-    """What each graph costs, by hits anywhere on the surfaces that have it: as many as take about _BUDGET to evaluate. The table is empty
-    before and after."""
+    """What each graph costs, by hits anywhere on the surfaces that have it: as many as take about _BUDGET to evaluate if all
+    miss. The table is empty before and after."""
     scene, n = setup.scene, _MOST_MEASURED
     evaluate = setup.device.program("memo/evaluate.cl", setup.generated, **scene.defines)["evaluate"]
     look_up, state = MemoLookUp(setup), _Before()
@@ -324,10 +324,10 @@ def _measure(setup: GraphSetup, arrays: Mapping[str, cl_array.Array]) -> list[Co
             _timed([evaluate.run(hits, known, scene.arrays, memo_place=None, n=n, light_only=0)]),
             *2 * (_timed(look_up.run(known, state, hits)),),
         ]
-        evaluation, first, hit = (
+        evaluation, asked, hit = (
             max(s - e, _LEAST_SECONDS * hits) / hits for s, e in zip(seconds, launches, strict=True)
         )
-        missed = (first - hit) * hits / max(misses, 1)  # hits of the same texel or tile after each other miss once
+        missed = (asked - hit) * hits / max(misses, 1)  # hits of the same texel or tile after each other miss once
         costs.append(Costs(evaluation, hit, missed - built * evaluation, built))
         setup.device.release(*uploaded.values())
     setup.device.release(*own.values(), *rays.values())

@@ -443,3 +443,32 @@ def test_a_warm_start_that_cannot_be_is_one_line(capsys):
     assert "w: method pathtrace keeps nothing that another sequence could begin with" in refused(
         capsys, "--warm-start w"
     )
+
+
+def test_what_memo_kept_is_saved_and_begun_with():
+    """Of a method whose frames do not depend on each other, too."""
+    graphs = str(Path(CORNELL).parents[1] / "graphs" / "scene.toml")
+    options = [
+        "--size",
+        "16x9",
+        "--mono",
+        "--spp",
+        "1",
+        "--memo",
+        "texel",
+        "--set",
+        "memo.auto=false",
+        "--set",
+        "pathtrace.bounces=0",
+    ]
+    for out, more in (("kept", ["--save-state"]), ("warm", ["--warm-start", "kept"]), ("cold", [])):
+        command = ["render", graphs, *options, *more, "--frames", "0:1", "-o", out, "--stats", f"{out}.json"]
+        assert main(command) == 0
+    assert STATE_FILE in names("kept") and STATE_FILE not in names("warm")
+    memo = {
+        out: json.loads(Path(f"{out}.json").read_text())["frames"][0]["eyes"]["mono"]["memo"]
+        for out in ("warm", "cold")
+    }
+    assert (
+        memo["warm"]["inserted"] <= 0.02 * memo["cold"]["inserted"] > 0
+    )  # what two threads wanted to keep at once may be missing
