@@ -98,6 +98,9 @@ STRUCTS: dict[str, np.dtype] = {
     ),
     # The environment's picture, and the chance that a sample of the lights is taken from it.
     "Environment": _struct(("width", "u4"), ("height", "u4"), ("chance", "f4")),
+    # The cube that an octree divides: from `origin`, `size` metres along each axis. `finest`: the number of its finest level, which
+    # has 2^finest cells along an edge; level 0 is the whole cube.
+    "OctreeShape": _struct(("origin", "f4", 3), ("size", "f4"), ("finest", "u4")),
 }
 
 
@@ -107,7 +110,7 @@ def source() -> str:
 
 
 def _emit(name: str, dtype: np.dtype) -> str:
-    fields, checks = [], [f"typedef char {name}_size[sizeof({name}) == {dtype.itemsize} ? 1 : -1];"]
+    fields, checks = [], [f"typedef char size_of_{name}[sizeof({name}) == {dtype.itemsize} ? 1 : -1];"]
     for field, (kind, offset) in ((f, dtype.fields[f][:2]) for f in dtype.names):
         length = f"[{kind.shape[0]}]" if kind.shape else ""
         fields.append(f"    {_C_TYPES[kind.base.str[1:]]} {field}{length};")

@@ -282,7 +282,7 @@ class Renderer:
         """Begin with what another sequence of the same scene knew of the world: frames, cameras, size, eyes and seed may be others.
 
         path: as of `restore`. To be called before the first frame. Raises SettingError where the method keeps nothing of the
-        kind, or the file is not of the same scene, method and settings (those of filters aside).
+        kind, or the file is not of the same scene, method and settings (those aside on which no more than the image depends).
         """
         if not self._parts.world:
             raise SettingError(f"{path}: method {self.method} keeps nothing that another sequence could begin with")
@@ -322,15 +322,15 @@ class Renderer:
             "content of the scene": self._scene_digest,
             "method": self.method,
             "memo": self.memo,
-            "settings": {n: v for n, v in self.settings.items() if _group(n) not in settings_module.IMAGE_SETTINGS},
+            "settings": self._settings_of("world"),
+            **({"octree's cube": self._parts.octree.cube} if self._parts.octree else {}),
         }
 
     def _identity(self) -> dict[str, object]:
         """What is the same in all renders that can go on with each other's state."""
-        filters = {*settings_module.IMAGE_SETTINGS} - {"device"}
         return self._world_identity() | {
             "camera's path": camera_digest(self.scene),
-            "filters": {n: v for n, v in self.settings.items() if _group(n) in filters},
+            "settings of the image": self._settings_of("image"),
             "temporal": self.temporal,
             "stereo_blend": self.stereo_blend,
             "size": self.size,
@@ -340,9 +340,13 @@ class Renderer:
             "until_relmse": self.until_relmse,
         }
 
+    def _settings_of(self, what: str) -> dict[str, object]:
+        return {name: value for name, value in self.settings.items() if settings_module.SETTINGS[name].of == what}
+
     def stats(self) -> dict:
         """All of stats.json but its frames, so far."""
-        device, scene = self.device, self.scene
+        device, scene, octree = self.device, self.scene, self._parts.octree
+        cache = sum(self._graph.sizes.get(name, 0) for name in self._parts.cache)
         return {
             "version": __version__,
             "device": {
@@ -364,17 +368,19 @@ class Renderer:
             "temporal": self.temporal,
             "stereo_blend": self.stereo_blend,
             "memo": {"kind": self.memo, "materials": self._parts.memo.report() if self._parts.memo else []},
+            **({"octree": octree.report()} if octree else {}),
             "size": list(self.size),
             "features": self._resources.features,
             "memory": {
                 "bvh": self._resources.trees.nbytes,
                 "textures": self._resources.texture_bytes,
-                "cache": sum(self._graph.sizes.get(name, 0) for name in self._parts.cache),
+                "cache": cache + (octree.nbytes if octree else 0),
                 "total": device.allocated,
             },
             "seconds": {
                 "graphs": self._resources.graph_seconds,
                 "bvh_build": self._resources.trees.seconds,
+                **({"octree": octree.seconds} if octree else {}),
                 "compile": device.compile_seconds,
                 "render": self._render_seconds,
             },
@@ -438,14 +444,16 @@ class Renderer:
 
     def _state(self, index: int, number: int, last: int | None, camera: Camera) -> PathState:
         """What the passes of an eye's frame are told. last: the number of the frame before."""
-        before = None
-        if last is not None and number == last + 1:
+        now, before = camera_record(camera, self.size), None
+        if last is not None:
             before = camera_record(self._eye_camera(index, last / self.scene.defaults.fps), self.size)
+        is_moving = before is not None and bool(now != before)
         # What is blended is to be independent: then, and of a cache, each eye has random numbers of its own.
         aside = index << 32 if self.stereo_blend != "none" else 0
         key = stream_key(self.seed, index if self._is_cached else number + aside)
         samples = 1 if self._is_cached else self.spp
-        return PathState(camera_record(camera, self.size), key, samples, eye=index, camera_before=before)
+        history = before if number - 1 == last else None
+        return PathState(now, key, samples, eye=index, camera_before=history, is_moving=is_moving)
 
     def _update(self, eye: str, state: PathState, progress: Callable[[float], None] | None) -> dict:
         """Update an eye's cache as often as spp says: the eye's statistics. Times, rays and counters are of all updates; what the
@@ -454,7 +462,7 @@ class Renderer:
         rays: dict[str, int] = {}
         counters: dict[str, int] = {}
         for done in range(1, self.spp + 1):
-            _add(passes, self._run(eye, replace(state, sample=self._updates[eye])))
+            _add(passes, self._run(eye, replace(state, sample=self._updates[eye] % 2**32)))
             found = self._counters(eye)
             _add(rays, self._ray_counts(eye, found, state.samples))
             _add(counters, found)
@@ -497,6 +505,8 @@ class Renderer:
         update = self._updates[eye]
         self._updates[eye] += 1
         seconds = self._graph.run(replace(state, update=update), progress, eye)
+        if self._parts.pace:
+            self._parts.pace.observe(seconds, state.is_moving)
         if self._parts.memo:
             found = dict(zip(MEMO_COUNTERS, self._graph.of(eye)["memo_counters"].get().tolist(), strict=True))
             _add(self._memo_counts, found)
@@ -571,10 +581,6 @@ def _first(*values):
 
 def _last(name: str) -> str:
     return name.rpartition(".")[2]
-
-
-def _group(setting: str) -> str:
-    return setting.partition(".")[0]
 
 
 def _known(what: str, name: str, names: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """A scene on a device: its trees, and the arrays that passes shade from; what it lacks is not there."""
 
+import hashlib
 import time
 from collections.abc import Mapping
 
@@ -14,9 +15,11 @@ from .layout import STRUCTS
 from .scene.emitters import Emitters, picture_density, picture_shares
 from .scene.geometry import Geometry
 from .scene.model import WRAP_MODES, Scene, Texture, TextureUse
+from .scene.motion import key_times, pose_at
 from .scene.textures import mip_chain, srgb_to_linear
 
 _NONE = 0xFFFFFFFF  # as in cl/common/math.cl
+_MOST_EYES = 256  # places that stand for the camera's path
 _LEAST_TEXELS = 16  # along what a graph's texture coordinates or places cover, for however wide a cone
 _LEVELS = 24  # of texels, as in cl/memo/key.cl: from minus this on
 
@@ -26,7 +29,9 @@ class SceneResources:
 
     graphs: the graphs of its materials, each once, numbered as `Material` records number them. graph_source: OpenCL C that
     evaluates them, as `clcache.graph.emit` makes it. graph_channels: the most values that one of them computes. graph_seconds:
-    what reading and compiling them took.
+    what reading and compiling them took. geometry: the meshes, and the instances where they are now. is_static: (instances,) bool,
+    which of them never move. lighting: (2,) uint32, a digest of the emitters and the instances' places as
+    they are now: the same for the same scene and time in every process, and another where light is another.
 
     Raises DeviceError if the scene does not fit the device's memory.
     """
@@ -34,13 +39,14 @@ class SceneResources:
     def __init__(self, device: Device, scene: Scene):
         self._device, self._scene, self.file = device, scene, scene.file
         self._keeps_before = False
-        self._geometry = geometry = Geometry.of(scene)
+        self.geometry = geometry = Geometry.of(scene)
+        self.is_static = np.array([not i.motion for i in scene.instances])
         emitters = Emitters.of(scene, geometry)
         self.features = features(scene, geometry, emitters)
-        self.trees = SceneTrees(device, geometry, np.array([bool(i.motion) for i in scene.instances]))
+        self.trees = SceneTrees(device, geometry, ~self.is_static)
         self.arrays: dict[str, cl_array.Array] = {}
         self._upload(device, positions=geometry.positions, triangles=geometry.triangles)
-        self._upload(device, instances=_instances(geometry))
+        self._upload(device, instances=_instances(geometry), is_static=self.is_static.astype(np.uint8))
         uses: list[TextureUse] = []
         self._material_records = _material_records(scene, emitters, uses)
         self._add_graphs(scene, uses)
@@ -54,6 +60,7 @@ class SceneResources:
         if self.features["HAS_DIRECT"]:
             self._upload(device, emitter_list=emitters.records, shares=emitters.shares)
         self._upload_environment(device, scene, emitters)
+        self.lighting = _lighting(emitters, geometry)
         has_alpha, has_textures = self.features["HAS_ALPHA"], self.features["HAS_TEXTURES"]
         self.rays = RayKernels(device, self.trees, self.arrays, has_alpha, has_textures)
 
@@ -88,8 +95,8 @@ class SceneResources:
     def set_time(self, time: float) -> None:
         """Put what moves where it is at a time, in seconds. The tree over the instances is rebuilt only if one of them moved
         since the last call."""
-        scene, before = self._scene, self._geometry
-        self._geometry = geometry = before.at(scene, time)
+        scene, before = self._scene, self.geometry
+        self.geometry = geometry = before.at(scene, time)
         if self._keeps_before and any(i.motion for i in scene.instances):
             self._replace(instances_before=self.arrays["instances"].get())
         if geometry is not before:
@@ -102,11 +109,12 @@ class SceneResources:
             self._material_records["emitter_density"] = emitters.material_density
             self._replace(materials=self._material_records)
             self.environment["chance"] = emitters.sky_chance
+            self.lighting = _lighting(emitters, geometry)
 
     def has_first_hits(self, layers: np.ndarray) -> bool:
         """Whether all first hits, packed as `cl/scene/first_hit.cl` says, are of triangles and materials that there are. layers:
         (n, m, 4) uint32."""
-        geometry, materials = self._geometry, self.arrays["materials"].size
+        geometry, materials = self.geometry, self.arrays["materials"].size
         triangles = np.diff(geometry.first_triangle)[geometry.instance_mesh]
         for x, y, primitive, instance in np.moveaxis(layers, -1, 1):  # one by one, for the sake of memory
             is_far, is_known = instance == _NONE, instance < len(triangles)
@@ -134,7 +142,7 @@ class SceneResources:
     def _graph_extents(self) -> np.ndarray:
         """(graphs, 2) float64: how far texture coordinates, and places within the object, reach over the triangles that have each graph;
         the larger extent along the axes."""
-        geometry, graphs = self._geometry, np.arange(len(self.graphs))
+        geometry, graphs = self.geometry, np.arange(len(self.graphs))
         graph = self._material_records["graph"][geometry.material]
         extents = np.zeros((len(graphs), 2))
         for column, values in enumerate((_uvs(geometry), geometry.positions)):
@@ -159,7 +167,7 @@ class SceneResources:
     def graph_triangles(self) -> list[np.ndarray]:
         """By graph, of the triangles whose materials have it: (k, 2) uint32, the first instance that has the triangle's mesh, and the
         triangle within that."""
-        geometry = self._geometry
+        geometry = self.geometry
         graph = self._material_records["graph"][geometry.material]
         mesh = np.repeat(np.arange(len(geometry.first_triangle) - 1), np.diff(geometry.first_triangle))
         placed, first_instance = np.unique(geometry.instance_mesh, return_index=True)
@@ -171,9 +179,14 @@ class SceneResources:
         ends = np.searchsorted(graph[in_order], np.arange(len(self.graphs) + 1))
         return [found[in_order[i:j]].astype(np.uint32) for i, j in zip(ends[:-1], ends[1:], strict=True)]
 
+    @property
+    def eyes(self) -> np.ndarray:
+        """(k, 3) float64: places along the camera's path."""
+        return eyes_of(self._scene)
+
     def instance_size(self, instance: int) -> float:
         """How large an instance is, in metres: the diagonal of its box."""
-        geometry = self._geometry
+        geometry = self.geometry
         low, high = np.split(geometry.mesh_bounds[:, geometry.instance_mesh[instance]], 2)
         return float(np.linalg.norm(geometry.to_world[instance, :, :3] @ (high - low)))
 
@@ -230,6 +243,23 @@ def _coarsest_levels(extents: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         levels = np.ceil(np.log2(_LEAST_TEXELS / extents))
     return np.where(extents > 0, np.clip(levels, -_LEVELS, _LEVELS), -_LEVELS).astype(np.int32)
+
+
+def eyes_of(scene: Scene) -> np.ndarray:
+    """(k, 3) float64: places along the path of a scene's camera."""
+    camera = scene.camera
+    times = key_times(camera.motion)
+    times = times[:: -(-len(times) // _MOST_EYES)]
+    poses = [pose_at(camera.motion, time) for time in times] if camera.motion else [camera.transform]
+    return np.array(poses, np.float64)[:, :3, 3]
+
+
+def _lighting(emitters: Emitters, geometry: Geometry) -> np.ndarray:
+    """(2,) uint32: a digest of all that light depends on and that can change with time."""
+    found = hashlib.blake2b(digest_size=8)
+    for values in (emitters.records, emitters.shares, geometry.to_world):
+        found.update(np.ascontiguousarray(values).tobytes())
+    return np.frombuffer(found.digest(), "<u4").astype(np.uint32)
 
 
 def _instances(geometry: Geometry) -> np.ndarray:

@@ -9,14 +9,19 @@ from .errors import SettingError
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting: dotted name, default (whose type is the setting's type), inclusive range or choices, and meaning."""
+    """One setting: dotted name, default (whose type is the setting's type), inclusive range or choices, and meaning.
+
+    of: what depends on it: what a method keeps of the "world", and all that is made of it; or no more than the "image", so that
+    renders in which it differs can share what they know of the world; or the "speed" alone.
+    """
 
     name: str
     default: bool | int | float | str
     meaning: str
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] | tuple[int, ...] = ()
+    of: str = "world"
 
     @property
     def type(self) -> str:
@@ -27,7 +32,7 @@ class Setting:
     def range(self) -> str:
         """The values that are allowed, in words."""
         if self.choices:
-            return ", ".join(self.choices)
+            return ", ".join(map(str, self.choices))
         if isinstance(self.default, bool):
             return "true, false"
         if self.low is None and self.high is None:
@@ -185,25 +190,177 @@ SETTINGS: dict[str, Setting] = {
             1,
         ),
         Setting(
+            "octree.resolution",
+            1024,
+            "cells of the finest level along the scene's longest edge: finer ones keep finer shadows; twice as many take four times the"
+            " memory, and four times the samples to fill",
+            choices=(64, 128, 256, 512, 1024, 2048, 4096),
+        ),
+        Setting(
+            "octree.store",
+            3,
+            "vertices of each caching path whose light is kept: more of them fill cells beyond what is in view, and make paths longer",
+            1,
+            16,
+        ),
+        Setting(
+            "octree.length",
+            -1,
+            "bounces that the light which is kept of a vertex has come by, at most: fewer are faster, and darker; -1: as many as"
+            " pathtrace.bounces, so that first hits get the light that path tracing gives them",
+            -1,
+            64,
+        ),
+        Setting(
+            "octree.paths",
+            "camera",
+            "where caching paths begin: at the camera, which fills what is seen, or anywhere on the surfaces, which fills all alike and"
+            " more slowly, for sequences to come",
+            choices=("camera", "surfaces"),
+            of="image",
+        ),
+        Setting(
+            "octree.caching_resolution",
+            1.0,
+            "caching paths along the image's edges, as part of its pixels: fewer make faster frames, and a cache that grows better more"
+            " slowly; 0: nothing is cached any more, and only read",
+            0,
+            1,
+            of="image",
+        ),
+        Setting(
+            "octree.frame_time",
+            0.0,
+            "milliseconds that an update may take while the camera moves, for which caching paths are made fewer; images then depend on"
+            " the machine's speed; 0: no limit",
+            0,
+            60000,
+            of="image",
+        ),
+        Setting(
+            "octree.samples",
+            32,
+            "samples that a cell is to have, else a coarser one answers that has them, up to three levels above: more of them give less noise,"
+            " and softer shadows where all is new",
+            1,
+            65535,
+            of="image",
+        ),
+        Setting(
+            "octree.level_bias",
+            0.0,
+            "added to the level that a pixel's footprint calls for: 1 halves the width of cells, which is sharper, and has more noise",
+            -4,
+            4,
+            of="image",
+        ),
+        Setting(
+            "octree.jitter",
+            0.5,
+            "how far along the surface hits ask beside their place, at random, in widths of a cell: hides cells' edges, and blurs; 0: off",
+            0,
+            2,
+            of="image",
+        ),
+        Setting(
+            "octree.gate",
+            True,
+            "let no cell answer that is wider than the way from which its hit is reached: its edges would show in corners, and light from"
+            " behind them; where finer ones do not know, the hit is traced for itself",
+            of="image",
+        ),
+        Setting(
+            "octree.filter",
+            "bilateral",
+            "what filters each image, by the surfaces' features: a cross-bilateral filter, nothing, or Intel's Open Image Denoise, which"
+            " is an extra to install, and slower",
+            choices=("bilateral", "none", "oidn"),
+            of="image",
+        ),
+        Setting(
+            "octree.layered",
+            True,
+            "filter the light of each surface along specular and glossy paths by itself, from the last to the first; else only the image"
+            " by what is seen first, which is faster, and blurs what mirrors and glass show",
+            of="image",
+        ),
+        Setting(
+            "octree.filter_normal",
+            1.0,
+            "of octree.filter=bilateral: a neighbour counts by this times its normal's cosine to the pixel's, at most 1; more blurs bent"
+            " surfaces",
+            0,
+            1e6,
+            of="image",
+        ),
+        Setting(
+            "octree.filter_depth",
+            100.0,
+            "of octree.filter=bilateral: how much a neighbour loses by lying farther along its path, or less far; more keeps edges of"
+            " things sharper",
+            0,
+            1e6,
+            of="image",
+        ),
+        Setting(
+            "octree.filter_segment",
+            400.0,
+            "of octree.filter=bilateral with octree.layered, where a surface is glossy: the same for the way from there to the next one; more keeps sharper what"
+            " it reflects",
+            0,
+            1e6,
+            of="image",
+        ),
+        Setting(
+            "octree.filter_albedo",
+            1.5,
+            "of octree.filter=bilateral, for diffuse light: how much a neighbour loses by having another albedo",
+            0,
+            1e6,
+            of="image",
+        ),
+        Setting(
+            "octree.filter_albedo_glossy",
+            3.0,
+            "the same with octree.layered, for what glossy surfaces reflect",
+            0,
+            1e6,
+            of="image",
+        ),
+        Setting(
+            "octree.filter_luminance",
+            3.0,
+            "of octree.filter=bilateral: how much a neighbour loses by having other light, as far as that is no noise; more keeps shadows'"
+            " edges, and noise",
+            0,
+            1e6,
+            of="image",
+        ),
+        Setting(
             "temporal.history",
             "bicubic",
             "how temporal filters read the frame before between its pixels: bicubic stays sharper",
             choices=("bilinear", "bicubic"),
+            of="image",
         ),
-        Setting("taa.alpha", 0.1, "weight of the new frame against the history, of --temporal taa", 0, 1),
+        Setting("taa.alpha", 0.1, "weight of the new frame against the history, of --temporal taa", 0, 1, of="image"),
         Setting(
             "taa.validation",
             "clamp",
             "what becomes of a history that lies outside the new pixel's neighbourhood of 3x3: it is kept, dropped, put to the"
             " edge of the neighbours' range, or drawn towards their mean as far as taa.gamma standard deviations",
             choices=("none", "reject", "clamp", "clip"),
+            of="image",
         ),
-        Setting("taa.gamma", 1.0, "standard deviations that taa.validation=clip lets the history be off", 0, 10),
+        Setting(
+            "taa.gamma", 1.0, "standard deviations that taa.validation=clip lets the history be off", 0, 10, of="image"
+        ),
         Setting(
             "varianceblend.per_channel",
             False,
             "of both --temporal and --stereo-blend varianceblend: weigh each colour channel by its own variance; else all three by"
             " that of the luminance",
+            of="image",
         ),
         Setting(
             "varianceblend.estimate",
@@ -211,8 +368,9 @@ SETTINGS: dict[str, Setting] = {
             "how --temporal varianceblend estimates the history's bias: as published, where the new frame's noise counts as bias,"
             " or corrected for that noise; --stereo-blend varianceblend does it as published",
             choices=("published", "corrected"),
+            of="image",
         ),
-        Setting("stereo.beta", 0.5, "weight of the own eye's colour, of --stereo-blend constant", 0, 1),
+        Setting("stereo.beta", 0.5, "weight of the own eye's colour, of --stereo-blend constant", 0, 1, of="image"),
         Setting(
             "memo.capacity",
             0,
@@ -316,18 +474,16 @@ SETTINGS: dict[str, Setting] = {
             "work-items in a work-group of kernels that do not prescribe it; no effect on the image",
             1,
             1024,
+            of="speed",
         ),
     )
 }
 
 # Methods with a cache, whose frames hold samples of earlier ones; spp counts the updates of each frame.
-CACHED_METHODS = ("samplecache", "isrt", "voxelhash", "hybrid")
+CACHED_METHODS = ("samplecache", "isrt", "voxelhash", "hybrid", "octree")
 
 TEMPORALS = ("none", "taa", "varianceblend")  # what a frame can be joined with those before it by
 DEFAULT_TEMPORALS = {"voxelhash": "varianceblend"}  # by method; of the others none
-
-# Groups of settings that the caches of the world know nothing of: those of the device, and of filters of images.
-IMAGE_SETTINGS = ("device", "temporal", "taa", "varianceblend", "stereo")
 
 MEMOS = ("off", "texel", "tile")  # how values of material graphs can be kept
 

@@ -1,4 +1,5 @@
-"""What README.md has to name: every key of a scene file, every command, every AOV, every node of graphs and every setting of their memo."""
+"""What README.md has to name: every key of a scene file, every command, every AOV, every node of graphs, and every setting of their memo
+and of the octree."""
 
 import re
 import tomllib
@@ -13,6 +14,7 @@ from clcache.graph.library import library
 from clcache.graph.text import CONSTANT_NODES, OUTPUT_NODES
 from clcache.output.aov import AOVS
 from clcache.passes.materials import COUNTERS
+from clcache.passes.octree_update import COUNTERS as OCTREE_COUNTERS
 from clcache.scene import schema
 from clcache.settings import MEMOS, SETTINGS
 
@@ -56,6 +58,16 @@ def test_every_setting_and_counter_of_memoization_is_named(readme):
         assert f"`{name}`" in section
     for name in set(MEMOS) - {"off"}:
         assert f"--memo {name}" in section
+
+
+def test_every_setting_and_counter_of_the_octree_is_named(readme):
+    section = readme[readme.index("- **octree**") : readme.index("## Filters")]
+    for name in (n for n in SETTINGS if n.startswith("octree.")):
+        assert f"`{name}`" in section or f"`{name.removeprefix('octree')}`" in section
+        for choice in SETTINGS[name].choices if name in ("octree.paths", "octree.filter") else ():
+            assert f"`{choice}`" in section
+    for name in OCTREE_COUNTERS:
+        assert f"`{name}`" in section
 
 
 def test_its_examples_of_graphs_are_read(readme, tmp_path):

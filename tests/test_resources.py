@@ -48,7 +48,15 @@ def test_srgb_round_trip():
 def test_what_a_scene_lacks_is_not_there(device):
     resources = SceneResources(device, lit(without_uvs(floor()), camera=CAMERA))
     assert not any(resources.features.values())
-    assert resources.arrays.keys() == {"positions", "triangles", "instances", "material", "materials", "sky"}
+    assert resources.arrays.keys() == {
+        "positions",
+        "triangles",
+        "instances",
+        "is_static",
+        "material",
+        "materials",
+        "sky",
+    }
     assert resources.emitter_count == 0
     assert resources.texture_bytes == resources.arrays["sky"].nbytes == 12
 

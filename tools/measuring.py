@@ -77,11 +77,17 @@ def in_turn(
     configurations: Sequence[Configuration], scene: Scene, args: argparse.Namespace, stereo: bool, first: int, last: int
 ) -> Iterator[dict[str, Frame]]:
     """Each frame by all configurations, of which another one begins each time."""
-    running = {c.name: renderer(c, scene, args, stereo=stereo).frames(first, last) for c in configurations}
+    running = {c.name: renderer(c, scene, args, stereo=stereo) for c in configurations}
+    return alternating(running, first, last)
+
+
+def alternating(running: Mapping[str, Renderer], first: int, last: int) -> Iterator[dict[str, Frame]]:
+    """Each frame by all renderers, of which another one begins each time."""
+    frames = {name: one.frames(first, last) for name, one in running.items()}
     names = list(running)
     for turn in tqdm(range(last - first), unit="frame", disable=None):
         shift = turn % len(names)
-        yield {name: next(running[name]) for name in names[shift:] + names[:shift]}
+        yield {name: next(frames[name]) for name in names[shift:] + names[:shift]}
 
 
 def sequence(
@@ -199,13 +205,18 @@ def slowed(scene: Scene, factor: int) -> Scene:
 
 def center_depth(tracer: Tracer, camera: Camera, shape: tuple[int, ...]) -> np.ndarray:
     """Planar depth of the rays through the pixels' centres, (H, W), infinite where there is nothing."""
+    return center_hits(tracer, camera, shape)["t"]
+
+
+def center_hits(tracer: Tracer, camera: Camera, shape: tuple[int, ...]) -> np.ndarray:
+    """The hits of the rays through the pixels' centres, (H, W) HIT_DTYPE; t is planar depth."""
     height, width = shape[:2]
     slope = np.tan(camera.fov_y / 2)
     x = (2 * (np.arange(width) + 0.5) / width - 1) * slope * width / height
     y = (1 - 2 * (np.arange(height) + 0.5) / height) * slope
     rays = np.stack([*np.meshgrid(x, y), np.full((height, width), -1.0)], axis=-1).reshape(-1, 3)
     origins = np.broadcast_to(camera.transform[:, 3], rays.shape)
-    return tracer.closest_hit(origins, rays @ camera.transform[:, :3].T)["t"].reshape(height, width)
+    return tracer.closest_hit(origins, rays @ camera.transform[:, :3].T).reshape(height, width)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

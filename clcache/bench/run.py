@@ -21,6 +21,7 @@ from .cached import hybrid, samplecache, voxelhash
 from .filters import filters
 from .job import Job
 from .memo import memo
+from .octree import octree
 from .pathtrace import pathtrace
 from .rays import rays
 from .reproject import reproject
@@ -47,6 +48,7 @@ FAMILIES = {
     "samplecache": Family("each pass of a frame by the sample cache, beside a path-traced frame", samplecache),
     "voxelhash": Family("each pass of a frame by voxels in a hash table, beside a path-traced frame", voxelhash),
     "hybrid": Family("each pass of a frame by voxels at cached first hits, beside a path-traced frame", hybrid),
+    "octree": Family("builds of an octree of cells, lookups, updates, its filter, and each pass of a frame", octree),
     "table": Family("lookups that hit, lookups that miss, and insertions, in hash tables of several loads", table),
     "memo": Family("material graphs and their memoization: lookups by variant, costs of graphs, frames", memo),
     "filters": Family("each pass of the temporal and stereo filters of images", filters),

@@ -8,6 +8,7 @@ import pyopencl.array as cl_array
 
 from ..device import Device
 from ..layout import STRUCTS
+from ..radix import CHUNKS, radix_sort
 from ..scene.geometry import Geometry, Merged, instance_bounds
 
 # Triangles in a leaf, at most: the lanes of a block. A tree over instances has one in each.
@@ -27,8 +28,6 @@ _FEW = 16
 _BOXES_EACH = 3
 _FEW_CLUSTERS = 32768
 _SHORT = 2048
-# Work-items that share a round of the radix sort; each counts a run of keys of its own.
-_CHUNKS = 64
 _DIGIT_BITS = 8
 _KEY_BITS = 64
 _MORTON_AXIS_BITS = 16
@@ -37,6 +36,8 @@ _CLUSTER_CHUNK = 1024
 _ROW_CHUNK = 256
 _BLOCK_RUN = 8
 _DEFINES = {
+    "DIGIT_BITS": _DIGIT_BITS,
+    "ORDERED": True,
     "RADIUS": RADIUS,
     "CHUNK": _CLUSTER_CHUNK,
     "ROW_CHUNK": _ROW_CHUNK,
@@ -299,18 +300,14 @@ class SceneTrees:
 
     def _sort(self, keys: cl_array.Array, order: cl_array.Array, bits: int) -> tuple[cl_array.Array, cl_array.Array]:
         """Keys, and the order with them, sorted stably; the arrays given are spent."""
-        device, program, n = self._device, self._program, keys.shape[0]
-        chunks = min(_CHUNKS, n)
-        counts = device.empty((1 << _DIGIT_BITS, chunks), np.uint32, "digit counts")
-        spare_keys, spare_order = device.empty(n, np.uint64, "keys"), device.empty(n, np.uint32, "order")
-        for shift in range(0, bits, _DIGIT_BITS):
-            program["radix_count"](keys, counts, n, chunks, shift, count=chunks)
-            program["radix_offsets"](counts, chunks, count=1)
-            program["radix_scatter"](keys, order, counts, spare_keys, spare_order, n, chunks, shift, count=chunks)
-            keys, spare_keys, order, spare_order = spare_keys, keys, spare_order, order
+        device, n = self._device, keys.shape[0]
+        counts = device.empty((1 << _DIGIT_BITS, min(CHUNKS, n)), np.uint32, "digit counts")
+        given = keys, order
+        spare = device.empty(n, np.uint64, "keys"), device.empty(n, np.uint32, "order")
+        _, result = radix_sort(self._program, given, spare, counts, n, 0, bits)
         device.queue.finish()
-        device.release(counts, spare_keys, spare_order)
-        return keys, order
+        device.release(counts, *(spare if result is given else given))
+        return result
 
     def _sum(self, counts: cl_array.Array) -> list[int]:
         """Exclusive prefix sums of the rows, in place; their totals."""

@@ -32,7 +32,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     add = parser.add_argument
     add("scene", metavar="SCENE", help="a .toml scene or a mesh file (.glb .gltf .obj .ply .stl ...)")
     add("-o", dest="folder", metavar="DIR", type=Path, help="output folder (default: out/NAME, after the scene's file)")
-    add("--method", metavar="M", help="rendering method (default: the scene's, else pathtrace)")
+    add(
+        "--method",
+        metavar="M",
+        help=f"rendering method, of pathtrace, {', '.join(settings.CACHED_METHODS)} (default: the scene's, else pathtrace)",
+    )
     add("--size", metavar="WxH", type=_size, help="pixels (default: the scene's, else 640x360)")
     add("--frames", metavar="A:B", type=_frames, help="frame numbers from A to B - 1 (default: the scene's, else 0:1)")
     add(
@@ -113,7 +117,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "--warm-start",
         metavar="FILE_OR_DIR",
         type=Path,
-        help="begin with what the state of another render of the same scene knows of the world (voxelhash, hybrid; any method with --memo)",
+        help="begin with what the state of another render of the same scene knows of the world (voxelhash, hybrid, octree; any method with --memo)",
     )
     add(
         "--stats",

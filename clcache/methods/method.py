@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -9,6 +10,16 @@ from ..device import Device
 from ..frame import Buffer, Pass
 from ..memo import Memo
 from ..resources import SceneResources
+
+if TYPE_CHECKING:
+    from ..octree import Octree
+
+
+class Pace(Protocol):
+    """What adapts a method's work to how long it takes."""
+
+    def observe(self, passes: Mapping[str, float], is_moving: bool) -> None:
+        """Told after each run of an eye: seconds by pass, and whether the eye moved since the frame before."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +47,8 @@ class Method:
     for one, passes that join what the eyes know, run for each eye after all eyes' own passes. They read this eye's per-eye buffers by their names and
     the other's as `other_<name>`, and the persistent ones that the eyes share; they write `blended`, which is then the
     eye's colour, and may use blend_buffers. What they read is therefore never blended itself. memo: what is known of the
-    memoization of the scene's graphs, or None; its counters are those of the buffer `memo_counters`.
+    memoization of the scene's graphs, or None; its counters are those of the buffer `memo_counters`. octree: the cells of the
+    scene's surfaces, of methods that keep light in them. pace: what is told how long the passes took, or None.
     """
 
     passes: tuple[Pass, ...]
@@ -50,6 +62,8 @@ class Method:
     blend: tuple[Pass, ...] = ()
     blend_buffers: tuple[Buffer, ...] = ()
     memo: Memo | None = None
+    octree: "Octree | None" = None
+    pace: Pace | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +72,8 @@ class PathState:
     each pixel, of which those before `begin` are there already; sample: the current one. update: how many times the
     passes have run for this eye before. batch: the current one of those that a list is worked off in. eye: 0, of a stereo
     pair's right eye 1. camera_before: this eye's Camera record of the frame before; None where that was not rendered right
-    before, and so there is no history. other: the other eye's Camera record, for the passes of a stereo blend.
+    before, and so there is no history. is_moving: whether this eye's camera is known to differ from that of the frame rendered
+    last, whatever its number. other: the other eye's Camera record, for the passes of a stereo blend.
 
     Of a method with a cache, whose images have the samples of many frames, `key` is the same in all of them and `sample`
     the update, so that a pixel's random sequence goes on; `samples` is what one update brings, 1.
@@ -73,6 +88,7 @@ class PathState:
     batch: int = 0
     eye: int = 0
     camera_before: np.void | None = None
+    is_moving: bool = False
     other: np.void | None = None
 
     @property

@@ -43,14 +43,27 @@ AOVS: dict[str, Aov] = {
             default=False,
         ),
         Aov("trace", ("trace",), "part of the pixel's samples that were traced in this frame, 0 to 1", default=False),
-        Aov("voxel", ("voxel.R", "voxel.G", "voxel.B"), "a colour of its own for each voxel", default=False),
+        Aov("voxel", ("voxel.R", "voxel.G", "voxel.B"), "a colour of its own for each voxel, or cell", default=False),
         Aov(
             "level",
             ("level",),
-            "level of the voxel, whose edges are 2^level metres; infinite where there is none",
+            "level of the voxel, whose edges are 2^level metres; of octree, of the cell, 0 being the whole scene; infinite where there is"
+            " none",
             default=False,
         ),
-        Aov("count", ("count",), "radiance samples that the voxel's light is the mean of", default=False),
+        Aov(
+            "count", ("count",), "radiance samples that the voxel's, or the cell's, light is the mean of", default=False
+        ),
+        *(
+            Aov(
+                f"{name}{layer}",
+                tuple(f"{name}{layer}.{channel}" for channel in "RGB"),
+                f"light from the {order} surface along specular and glossy paths, with all from behind it, {when} the filter",
+                default=False,
+            )
+            for name, when in (("layer", "before"), ("filtered", "after"))
+            for layer, order in enumerate(("first", "second", "third"))
+        ),
         Aov("alpha", ("alpha",), "weight of the new frame in the temporal filter, 0 to 1", default=False),
         Aov(
             "effective",

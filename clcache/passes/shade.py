@@ -82,18 +82,21 @@ class Shade(_ShadePass):
 
 
 class Compact(Pass):
-    """Add what the shadow rays let through, and close the ranks of the paths that go on (`cl/pathtrace/compact.cl`)."""
+    """Add what the shadow rays let through, and close the ranks of the paths that go on (`cl/pathtrace/compact.cl`). is_settled: whether
+    others have seen to the shadow rays."""
 
     name = "compact"
 
-    def __init__(self, device: Device, scene: SceneResources):
+    def __init__(self, device: Device, scene: SceneResources, is_settled: bool = False):
         features = scene.features
         optional = {"HAS_DIRECT": "shadow_length", "HAS_EMISSION": "density", "HAS_TEXTURES": "cone"}
         defines = {feature: features[feature] for feature in optional}
-        self._kernel = device.program("pathtrace/compact.cl", **defines)["compact"]
-        carried = ("ray_origin", "ray_direction", "ray_length", "throughput", "path", "alive", "radiance")
-        self.writes = (*carried, *(b for feature, b in optional.items() if features[feature]))
-        self.reads = (*self.writes, *(("occluded", "shadow_radiance") if features["HAS_DIRECT"] else ()))
+        self._kernel = device.program("pathtrace/compact.cl", SETTLED=is_settled, **defines)["compact"]
+        carried = ("ray_origin", "ray_direction", "ray_length", "throughput", "path", "alive")
+        light = () if is_settled else ("radiance",)
+        self.writes = (*carried, *light, *(b for feature, b in optional.items() if features[feature]))
+        brought = ("occluded", "shadow_radiance") if features["HAS_DIRECT"] and not is_settled else ()
+        self.reads = (*self.writes, *brought)
 
     def run(self, arrays, state) -> Iterable[cl.Event | None]:
         """One chunk of the queue for each work-item."""

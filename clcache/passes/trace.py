@@ -12,7 +12,7 @@ from ..resources import SceneResources
 
 HITS = ("hit_t", "hit_uv", "hit_primitive", "hit_instance")
 BLOCK = 4  # pixels along the side of a block, as in pixel_order.cl
-_CHUNK = 4096  # of queue.cl
+CHUNK = 4096  # places of the queue, as in queue.cl
 
 
 def stamp(state) -> int:
@@ -31,7 +31,7 @@ def ray_buffers(n: int) -> list[Buffer]:
     return [
         Buffer("pixel", (n,), "u4", persistent=True),
         Buffer("path", (n,), "u4"),
-        Buffer("alive", (-(-n // _CHUNK),), "u4"),
+        Buffer("alive", (-(-n // CHUNK),), "u4"),
         Buffer("ray_origin", (3, n)),
         Buffer("ray_direction", (3, n)),
         Buffer("ray_start", (n,)),

@@ -17,6 +17,12 @@ def pose_at(motion: Sequence[Track | np.ndarray], time: float) -> np.ndarray:
     return pose[:3]
 
 
+def key_times(motion: Sequence[Track | np.ndarray]) -> np.ndarray:
+    """When the tracks of a chain have keys, in seconds, ascending; 0 where it has none."""
+    times = [step.times for step in motion if isinstance(step, Track)]
+    return np.unique(np.concatenate(times)) if times else np.zeros(1)
+
+
 def track_at(track: Track, time: float) -> np.ndarray:
     """A track's transform at a time in seconds: (3, 4) float64, scale first, then rotation, then translation."""
     times = track.times

@@ -132,7 +132,8 @@ def test_what_does_not_fit_is_refused(folder, capsys):
 def test_renders_of_a_cache_are_refused(folder, capsys, method):
     """By name and reason: two of a kind as well as one among others."""
     for seed in (1, 2):
-        small = f"--mono --size 4x4 --set pathtrace.bounces=0 --method {method} --seed {seed} -o cached{seed}"
+        few = "--set pathtrace.bounces=0 --set octree.resolution=64"
+        small = f"--mono --size 4x4 {few} --method {method} --seed {seed} -o cached{seed}"
         assert main(["render", CORNELL, *small.split()]) == 0
     cached = "cached1/frame_0000.exr"
     expected = f"{cached}: its method, {method}, has samples of earlier frames, too, of which no number is known"

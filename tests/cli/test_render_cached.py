@@ -1,4 +1,4 @@
-"""`clcache render` with a sample cache, on a device: its files, its statistics, and what it refuses."""
+"""`clcache render` with a cache, on a device: its files, its statistics, and what it refuses."""
 
 import json
 from pathlib import Path
@@ -9,9 +9,11 @@ import pytest
 from cache_renders import one_device
 
 from clcache.cli import main
+from clcache.passes.octree_update import COUNTERS as OCTREE_COUNTERS
 from clcache.passes.reproject import COUNTERS
 
 CORNELL = str(Path(__file__).parents[2] / "data" / "cornell" / "scene.toml")
+OCTREE = "--method octree --set octree.resolution=64"
 AOVS = "variance,samples,occupancy,visible,age,trace,Z"
 
 
@@ -63,6 +65,32 @@ def test_files_and_statistics(method, slots, capsys):
     assert images["samples"].sum() > stats["frames"][-1]["eyes"]["mono"]["cache"]["shaded"]
 
 
+def test_files_and_statistics_of_the_octree(capsys):
+    """Of two eyes; the layers are colours, and stats.json has the cells by level."""
+    few, layers = "--set octree.resolution=64 --set octree.samples=1", ("layer0", "layer2", "filtered0", "filtered2")
+    stats = render(f"--method octree --stereo --frames 0:2 --spp 2 {few} --aov level,voxel,count,{','.join(layers)}")
+    assert capsys.readouterr().out.startswith("o: 2 frames of 16x9 (left, right), 2 spp")
+    assert stats["octree"]["resolution"] == 64 and [level["level"] for level in stats["octree"]["levels"]] == list(
+        range(7)
+    )
+    assert stats["memory"]["cache"] > sum(
+        level["data_bytes"] + level["hash_bytes"] for level in stats["octree"]["levels"]
+    )
+    assert stats["seconds"]["octree"] > 0
+    for number, frame in enumerate(stats["frames"]):
+        images = channels(number)
+        for prefix, eye in (("", "left"), ("right.", "right")):
+            assert tuple(frame["eyes"][eye]["cache"]) == OCTREE_COUNTERS
+            color, level, count = (images[f"{prefix}{name}"] for name in ("R", "level", "count"))
+            assert np.isfinite(color).all() and color.max() > 0
+            assert {*np.unique(level[np.isfinite(level)])} <= {*range(7)} and count.max() >= 1
+            for layer in layers:
+                assert np.isfinite(images[f"{layer}.{eye}.G"]).all()
+            np.testing.assert_array_equal(images[f"voxel.{eye}.B"] > 0, np.isfinite(level))
+    with OpenEXR.File("o/frame_0000.exr", header_only=True) as file:
+        assert file.header()["method"] == "octree" and file.header()["spp"] == 2
+
+
 def test_spp_counts_updates(capsys):
     """Each pixel has a sample's value from each, where all pixels are shaded; what was done is counted over all of them."""
     rate = "--set samplecache.shading=uniform --set samplecache.shading_rate=1"
@@ -106,6 +134,12 @@ def test_blended_eyes():
         ("--method samplecache --set samplecache.slots=33", "setting samplecache.slots: '33' is not an int in range; expected 1 .. 32"),
         ("--method samplecache --set samplecache.slot=3", "samplecache.slots"),
         ("--method samplecache --set samplecache.tracing=none", "expected single, multi, adaptive"),
+        ("--method octree --until-relmse 0.1", "until_relmse 0.1: method octree has a cache; expected a method without"),
+        ("--method octree --set octree.resolution=1000", "setting octree.resolution: '1000' is not an int in range; expected 64, 128, "),
+        (f"{OCTREE} --aov occupancy", "AOV occupancy: method octree has none; it has albedo, N, voxel, level, count, layer0"),
+        (f"{OCTREE} --stereo --stereo-blend samples", "method octree has no cache of samples to blend"),
+        (f"{OCTREE} --warm-start none.npz", "none.npz: no such file"),
+        ("--method pathtrace --aov filtered1", "AOV filtered1: method pathtrace has none; it has albedo, N, variance, samples, Z"),
         ("--method isrt --set isrt.superresolution=0", "setting isrt.superresolution: '0' is not an int in range; expected 1 .. 5"),
         ("--method samplecache --set samplecache.slots=32 --size 8192x8192", "67108864 pixels of 32 slots: expected "),
     ],

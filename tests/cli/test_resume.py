@@ -18,6 +18,7 @@ from clcache.output.state import STATE_FILE, StateFile
 CORNELL = str(Path(__file__).parents[2] / "data" / "cornell" / "scene.toml")
 SMALL = "--size 8x6 --mono --set pathtrace.bounces=0 --aov Z"
 CACHED = "--method samplecache"
+OCTREE = "--method octree --set octree.resolution=64"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -101,7 +102,7 @@ def ctrl_c():
 
 
 @pytest.mark.parametrize(
-    "options", ["", "--temporal taa", CACHED, f"{CACHED} --temporal varianceblend", "--method isrt"]
+    "options", ["", "--temporal taa", CACHED, f"{CACHED} --temporal varianceblend", "--method isrt", OCTREE]
 )
 def test_more_frames_later(options):
     """A render in two parts is the whole one, bit for bit."""
@@ -443,6 +444,18 @@ def test_a_warm_start_that_cannot_be_is_one_line(capsys):
     assert "w: method pathtrace keeps nothing that another sequence could begin with" in refused(
         capsys, "--warm-start w"
     )
+
+
+def test_cells_filled_by_one_render_are_read_by_another(capsys):
+    """Of another size, with other settings of reading; but not of other cells."""
+    run(f"{OCTREE} --spp 8 --save-state", "0:1")
+    run(f"{OCTREE} --warm-start o --set octree.caching_resolution=0 --size 12x9 --stats s.json", "0:1", out="read")
+    cache = json.loads(Path("s.json").read_text())["frames"][0]["eyes"]["mono"]["cache"]
+    assert cache["inserted"] == 0 and cache["hits"] > 0.5 * cache["lookups"] > 0
+    line = refused(capsys, f"{OCTREE} --warm-start o --set octree.store=1", out="other")
+    assert "settings octree.store is " in line and " there and 1 here; expected the same" in line
+    line = refused(capsys, f"{OCTREE} --set octree.samples=1 --resume")
+    assert "octree.samples is " in line and " there and 1 here" in line
 
 
 def test_what_memo_kept_is_saved_and_begun_with():

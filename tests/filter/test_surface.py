@@ -41,7 +41,8 @@ def surfaces(monkeypatch):
 
 
 def frames(scene, method, count=1, **options):
-    options = {"size": SIZE, "settings": {"pathtrace.bounces": 0}, "temporal": "taa", "aovs": ("Z",)} | options
+    few = {"pathtrace.bounces": 0, "octree.resolution": 64}
+    options = {"size": SIZE, "settings": few, "temporal": "taa", "aovs": ("Z",)} | options
     return list(Renderer(scene, method, **options).frames(0, count))
 
 

@@ -34,7 +34,8 @@ def scene(moving: bool):
 
 def frames(made, method="pathtrace", count=FRAMES, **options):
     """Their colours, and the last of them."""
-    options = {"size": SIZE, "spp": 1, "seed": 4, "stereo": False, "settings": {"pathtrace.bounces": 1}} | options
+    few = {"pathtrace.bounces": 1, "octree.resolution": 128}
+    options = {"size": SIZE, "spp": 1, "seed": 4, "stereo": False, "settings": few} | options
     shown = list(Renderer(made, method, **options).frames(FRAMES - count, FRAMES))
     return [f.color["mono"] for f in shown], shown[-1]
 

@@ -6,10 +6,10 @@ from cache_renders import one_device
 from memo_renders import assert_same, counters, defined, frames, painted, renderer, yard
 
 from clcache.frame import Repeat
+from clcache.methods import METHODS
 from clcache.scene.model import Material
 
-METHODS = ("pathtrace", "samplecache", "isrt", "voxelhash", "hybrid")
-AT_ONCE = {"settings": {"pathtrace.bounces": 0}}
+AT_ONCE = {"settings": {"pathtrace.bounces": 0, "octree.resolution": 128}}
 # Green light in whole squares.
 GLOW = """
 UVInput Out>0;

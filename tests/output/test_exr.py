@@ -87,6 +87,7 @@ def test_mono_file_has_the_conventional_names_and_every_bit(tmp_path):
     names = {"R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z", "Z"}
     names |= {"variance.R", "variance.G", "variance.B", "samples", "occupancy", "visible", "age", "trace"}
     names |= {"voxel.R", "voxel.G", "voxel.B", "level", "count", "alpha", "effective", "beta"}
+    names |= {f"{kind}{layer}.{channel}" for kind in ("layer", "filtered") for layer in range(3) for channel in "RGB"}
     assert set(channels) == names
     assert "multiView" not in header and "eyeDistance" not in header
     for i, name in enumerate(COLOR_CHANNELS):

@@ -197,7 +197,7 @@ def test_digests_that_all_files_share_are_kept(tmp_path, other):
     ("changes", "message"),
     [
         ({"scene": "t.toml"}, r"scene: .*b\.exr has t\.toml and .*a\.exr s\.toml; expected the same"),
-        ({"method": "octree"}, "method: .* has octree"),
+        ({"method": "bidirectional"}, "method: .* has bidirectional"),
         ({"frame": 5}, "frame: .* has 5 and .* 4"),
         ({"memo": "texel"}, "memo: .* has texel and .* off"),
         ({"framesPerSecond": Fraction(30)}, "fps: .* has 30.0"),

@@ -40,7 +40,7 @@ VARIANTS = [(m, {f"{group}.{name}": value})
     ("voxelhash", {"varianceblend.estimate": "published"}),
     ("voxelhash", {"varianceblend.per_channel": True}),
 ]  # fmt: skip
-TABLE = {"voxelhash.capacity": 2048}
+TABLE = {"voxelhash.capacity": 2048, "octree.resolution": 64}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -145,6 +145,8 @@ def test_a_state_holds_what_the_next_frames_depend_on_and_nothing_else(tmp_path,
     known of these would be missed only where a path has brought what is not finite."""
     options = {"method": method, "stereo": True, "stereo_blend": "constant", "temporal": "varianceblend"}
     options |= {"settings": {"voxelhash.capacity": 32, "voxelhash.probe": 1}}
+    if method == "octree":  # whose cells are wiped where things move
+        options["scene"] = yard(moving=False)
     whole = renderer(**options)
     frames(whole, 0, 3)
     whole.save(tmp_path / STATE_FILE)
@@ -239,7 +241,9 @@ def turned(scene):
         ({"scene": turned(yard(6))}, r"camera's path is \w{16} there and \w{16} here"),
         ({"method": "isrt"}, "method is samplecache there and isrt here"),
         ({"settings": {"samplecache.target": 7}}, "settings samplecache.target is 4.0 there and 7.0 here"),
-        ({"settings": {"taa.alpha": 0.5}}, "filters taa.alpha is 0.1 there and 0.5 here"),
+        ({"settings": {"taa.alpha": 0.5}}, "settings of the image taa.alpha is 0.1 there and 0.5 here"),
+        ({"settings": {"octree.jitter": 0}}, "settings of the image octree.jitter is .* there and 0.0 here"),
+        ({"settings": {"octree.store": 1}}, "settings octree.store is .* there and 1 here"),
         ({"temporal": "taa"}, "temporal is none there and taa here"),
         ({"memo": "texel"}, "memo is off there and texel here"),
         ({"settings": {"memo.bias": 1}}, "settings memo.bias is 0.0 there and 1.0 here"),
@@ -258,7 +262,7 @@ def test_the_state_of_another_render_is_refused(saved, options, message):
 
 def test_how_the_device_is_used_does_not_matter(saved):
     with StateFile(saved) as state:
-        groups = {name.split(".")[0] for name in state.meta["settings"] | state.meta["filters"]}
+        groups = {name.split(".")[0] for name in state.meta["settings"] | state.meta["settings of the image"]}
     assert "pathtrace" in groups and "taa" in groups and "device" not in groups
 
 
@@ -547,6 +551,8 @@ def known(monkeypatch, tmp_path):
         {"seed": 9},
         {"spp": 2},
         {"settings": {"taa.alpha": 0.7}},
+        {"settings": {"octree.samples": 1, "octree.caching_resolution": 0, "octree.filter": "none"}},
+        {"settings": {"device.local_size": 32}},
         {"scene": turned(everything())},
     ],
 )
@@ -565,6 +571,8 @@ def test_a_warm_start_knows_the_world_and_nothing_of_the_images(known, tmp_path,
     [
         ({"scene": repainted(everything())}, "content of the scene is .* there and .* here; expected the same"),
         ({"settings": {"pathtrace.bounces": 1}}, "settings pathtrace.bounces is 3 there and 1 here"),
+        ({"settings": {"octree.resolution": 128}}, "settings octree.resolution is 64 there and 128 here"),
+        ({"settings": {"octree.length": 2}}, "settings octree.length is .* there and 2 here"),
         (
             {"method": "samplecache", "scene": yard(6)},
             "method samplecache keeps nothing that another sequence could begin with",

@@ -1,12 +1,14 @@
-// A stable radix sort of (key, number) pairs, 8 bits of the key a round: count the digits of each chunk of consecutive keys,
-// sum over (digit, chunk), move. Each chunk is one work-item's, so that the order within it stays.
+// A stable radix sort of keys, DIGIT_BITS of them a round: count the digits of each chunk of consecutive keys, sum over (digit,
+// chunk), move. Each chunk is one work-item's, so that the order within it stays. The host's part is clcache/radix.py.
+//
+// Defines: DIGIT_BITS; ORDERED: a number goes with each key.
 
-#define DIGITS 256u
+#define DIGITS (1u << DIGIT_BITS)
 
 // One work-item per chunk of ceil(n / chunks) keys: how often each value of the digit occurs.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_count(
-    __global const ulong *keys,  // (n)
-    __global uint *counts,       // (256, chunks)
+    __global const ulong *keys,  // (places)
+    __global uint *counts,       // (digits, chunks)
     uint n,
     uint chunks,
     uint shift)
@@ -23,7 +25,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_count(
 
 // One work-item in all: exclusive prefix sums over (digit, chunk), in place.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_offsets(
-    __global uint *counts,  // (256, chunks)
+    __global uint *counts,  // (digits, chunks)
     uint chunks)
 {
     if (get_global_id(0) > 0) return;
@@ -37,11 +39,13 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_offsets(
 
 // One work-item per chunk: move its keys, in order, to where their digits' runs begin.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_scatter(
-    __global const ulong *keys,    // (n)
-    __global const uint *order,    // (n)
-    __global const uint *offsets,  // (256, chunks)
-    __global ulong *sorted_keys,   // (n)
-    __global uint *sorted_order,   // (n)
+    __global const ulong *keys,    // (places)
+    __global ulong *sorted_keys,   // (places)
+#if ORDERED
+    __global const uint *order,    // (places)
+    __global uint *sorted_order,   // (places)
+#endif
+    __global const uint *offsets,  // (digits, chunks)
     uint n,
     uint chunks,
     uint shift)
@@ -56,6 +60,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_scatter(
         ulong key = keys[i];
         uint place = next[(uint)(key >> shift) & (DIGITS - 1)]++;
         sorted_keys[place] = key;
+#if ORDERED
         sorted_order[place] = order[i];
+#endif
     }
 }

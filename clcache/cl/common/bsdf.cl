@@ -14,6 +14,7 @@
 // the path came from and has out.z > 0.
 //
 // Defines: HAS_SPECULAR, HAS_TRANSMISSION: compiled out where no material has them; what is left is diffuse.
+// LEAST_DIFFUSE_CHANCE, where there is one: of sampling the diffuse part, however little of the light it reflects.
 
 #include "common/math.cl"
 
@@ -138,8 +139,11 @@ inline float diffuse_chance(const Bsdf *bsdf, Vec3 out)
 #if HAS_TRANSMISSION
     reflected += (1.0f - reflected) * max_component(bsdf->transmitted);
 #endif
-    float total = below + reflected;
-    return total > 0.0f ? below / total : 1.0f;
+    float total = below + reflected, chance = total > 0.0f ? below / total : 1.0f;
+#ifdef LEAST_DIFFUSE_CHANCE
+    chance = below > 0.0f ? fmax(chance, LEAST_DIFFUSE_CHANCE) : chance;
+#endif
+    return chance;
 }
 
 // Chance that, at a microfacet, the reflected direction is taken and not the transmitted one.

@@ -3,7 +3,8 @@
 // vertex reads; `alive` is how many they are. Behind them all rays have length 0. A chunk that no more than an eighth has left
 // stays as it is.
 //
-// Defines: HAS_DIRECT (there are shadow rays), HAS_EMISSION (there is a density), HAS_TEXTURES (there are cones).
+// Defines: HAS_DIRECT (there are shadow rays), SETTLED (others have seen to what they let through), HAS_EMISSION (there is a density),
+// HAS_TEXTURES (there are cones).
 
 #include "pathtrace/queue.cl"
 
@@ -22,7 +23,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void compact(
     __global float *cone,                   // (2, n) or null
     __global uint *path,                    // (n)
     __global uint *alive,                   // (chunks)
-    __global float *radiance,               // (3, n)
+    __global float *radiance,               // (3, n) or null
     __global const uchar *occluded,         // (n) or null
     __global float *shadow_length,          // (n) or null
     __global const float *shadow_radiance,  // (3, n) or null
@@ -32,7 +33,9 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void compact(
     uint chunk = get_global_id(0);
     if (chunk >= chunks) return;
     uint begin = chunk * CHUNK, places = alive[chunk];
-#if HAS_DIRECT
+#if HAS_DIRECT && SETTLED
+    for (uint i = begin; i < begin + places; i++) shadow_length[i] = 0.0f;  // where nothing is shaded any more, none may be left
+#elif HAS_DIRECT
     for (uint i = begin; i < begin + places; i++) {
         bool was_lit = shadow_length[i] > 0.0f && !occluded[i];
         Vec3 brought = either3(was_lit, load_vec3(shadow_radiance, n, i), all3(0.0f));

@@ -18,8 +18,8 @@ __kernel void order_pixels(
     uint width,
     uint height)
 {
-    uint path = get_global_id(0);
-    if (path < n) pixel[path] = pixel_of_path(path, width, height);
+    uint path = get_global_id(0), paths = blocks_along(width) * blocks_along(height) * BLOCK * BLOCK;
+    if (path < n) pixel[path] = path < paths ? pixel_of_path(path, width, height) : NONE;
 }
 
 __kernel void generate(

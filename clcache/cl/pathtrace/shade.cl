@@ -12,72 +12,8 @@
 
 #include "common/sampler.cl"
 #include "pathtrace/dimensions.cl"
-#include "pathtrace/mis.cl"
 #include "pathtrace/queue.cl"
-#include "scene/emitters.cl"
-#include "scene/surface.cl"
-
-#define WIDEST_ROUGH_SPREAD 1.0f
-
-// The parameters of a surface as a reflection model.
-INLINED Bsdf make_bsdf(const Surface *surface, __global const Material *m)
-{
-    Bsdf bsdf;
-    Vec3 base = surface->albedo;
-    bsdf.diffuse = base;
-#if HAS_SPECULAR
-    float metallic = surface->metallic, rest = 1.0f - metallic;
-    bool behind = surface->from_behind, is_thin = m->thin != 0;
-    float transmission = m->transmission, ior = m->ior, reflected = (ior - 1.0f) / (ior + 1.0f);
-    Vec3 tint = scale3(reflected * reflected, surface->specular_color);
-    Vec3 dielectric = scale3(surface->specular, vec3(fmin(tint.x, 1.0f), fmin(tint.y, 1.0f), fmin(tint.z, 1.0f)));
-    bsdf.diffuse = scale3(rest * (1.0f - transmission), base);
-    bsdf.transmitted = scale3(rest * transmission, base);
-    bool is_black = behind && m->double_sided == 0 && !(transmission > 0.0f);  // and so is its reflection
-    bsdf.f0 = either3(is_black, all3(0.0f), add3(dielectric, scale3(metallic, sub3(base, dielectric))));
-    bsdf.f90 = is_black ? 0.0f : surface->specular + metallic * (1.0f - surface->specular);
-    bsdf.alpha = surface->roughness * surface->roughness;
-    bsdf.thin = is_thin;
-    bsdf.eta = behind && !is_thin ? 1.0f / ior : ior;
-#endif
-    return bsdf;
-}
-
-inline Vec3 to_local(Vec3 tangent, Vec3 bitangent, Vec3 normal, Vec3 v)
-{
-    return vec3(dot3(v, tangent), dot3(v, bitangent), dot3(v, normal));
-}
-
-// How much wider a cone gets by reflection (MaterialMemo, Eq. 2.11), clamped where that diverges at alpha = 1.
-inline float rough_spread(float alpha)
-{
-    float squared = alpha * alpha;
-    return fmin(2.0f * sqrt(squared / fmax(2.0f - 2.0f * squared, 1e-6f)), WIDEST_ROUGH_SPREAD);
-}
-
-// What a ray found: the light of the surface, or of the sky where it hit none, weighted against finding it by a shadow ray.
-INLINED Vec3 found_light(const Surface *surface, const Sky *sky, __global const Material *m, bool missed, float t, Vec3 direction,
-                         float density)
-{
-#if HAS_EMISSIVE
-    float cosine = fabs(dot3(surface->geometric_normal, direction));
-#endif
-    direction = either3(missed, direction, vec3(0.0f, 1.0f, 0.0f));  // where others look, too: a lookup from the cache
-    Vec3 far = sky_radiance(sky, direction);
-    float found_otherwise = 0.0f;
-#if HAS_SKY_PICTURE
-    found_otherwise = sky->environment.chance * sky_density_of(sky, direction);
-#endif
-#if HAS_EMISSIVE
-    float per_area = m->emitter_density;
-    float on_surface = per_area > 0.0f ? per_area * t * t / cosine : 0.0f;
-    far = either3(missed, far, surface->emitted);
-    found_otherwise = missed ? found_otherwise : on_surface;
-#else
-    far = either3(missed, far, all3(0.0f));
-#endif
-    return scale3(power_heuristic(density, found_otherwise), far);
-}
+#include "pathtrace/vertex.cl"
 
 __kernel void shade(
     __global const Emitter *emitter_list,  // (emitters) or null
@@ -156,43 +92,29 @@ __kernel void shade(
 
     uint place = pixel[path[i]];
     Random random = sample4(place, sample, DIMENSION_VERTEX + 2 * vertex, key0, key1);
-    Vec3 ng = surface.geometric_normal, ns = surface.shading_normal, here = surface.point, tangent, bitangent;
-    make_frame(ns, &tangent, &bitangent);
-    Vec3 out = to_local(tangent, bitangent, ns, negate3(direction));
-    out.z = fmax(out.z, 1e-6f);
+    Vertex frame = make_vertex(&surface, direction);
     Bsdf bsdf = make_bsdf(&surface, m);
 
 #if HAS_DIRECT
     Emitters lights = { emitter_list, shares, emitters, masks, far };
     Random where = sample4(place, sample, DIMENSION_VERTEX + 2 * vertex + 1, key0, key1);
-    LightSample light_sample = sample_emitters(&lights, here, where.z, where.x, where.y);
-    Vec3 towards = normalize3(light_sample.towards);
-    Vec3 in = to_local(tangent, bitangent, ns, towards);
-    float found_otherwise;
-    Vec3 reflected = evaluate_bsdf(&bsdf, out, in, &found_otherwise);
-    float weight = light_sample.density > 0.0f ? power_heuristic(light_sample.density, found_otherwise) : 1.0f;
-    Vec3 brought = scale3(weight, mul3(mul3(carried, reflected), light_sample.radiance));
-    bool above = dot3(ng, towards) > 0.0f;
+    DirectLight direct = sample_direct(&lights, &surface, &bsdf, &frame, where);
+    Vec3 brought = scale3(direct.weight, mul3(mul3(carried, direct.reflected), direct.radiance));
     float most = max_component(brought);
-    bool lit = !missed && above == (in.z > 0.0f) && most > 0.0f && most < INFINITY;
-    Vec3 from = add3(here, scale3(above ? surface.offset : -surface.offset, ng));
-    bool is_near = light_sample.length < INFINITY;
-    store_planes(shadow_origin, n, i, from);
-    store_planes(shadow_direction, n, i, either3(is_near, add3(light_sample.towards, sub3(here, from)), towards));
-    shadow_length[i] = lit ? light_sample.length : 0.0f;
+    bool lit = !missed && direct.is_possible && most > 0.0f && most < INFINITY;
+    store_planes(shadow_origin, n, i, direct.origin);
+    store_planes(shadow_direction, n, i, direct.direction);
+    shadow_length[i] = lit ? direct.length : 0.0f;
     store_planes(shadow_radiance, n, i, brought);
     ray_counts[n + i] += lit ? 1 : 0;
 #endif
 
-    Scattered next = sample_bsdf(&bsdf, out, random.w, random.x, random.y);
-    Vec3 sideways = add3(scale3(next.direction.x, tangent), scale3(next.direction.y, bitangent));
-    Vec3 onwards = normalize3(add3(sideways, scale3(next.direction.z, ns)));
-    bool leaves_above = dot3(ng, onwards) > 0.0f;
+    Onwards next = scatter(&surface, &bsdf, &frame, random);
     Vec3 kept = mul3(carried, next.weight);
     float part = max_component(kept), survival = vertex + 1 >= roulette ? fmin(part, 1.0f) : 1.0f;
-    bool goes_on = !missed && !is_last && leaves_above == (next.direction.z > 0.0f) && part > 0.0f && random.z < survival;
-    store_planes(ray_origin, n, i, add3(here, scale3(leaves_above ? surface.offset : -surface.offset, ng)));
-    store_planes(ray_direction, n, i, onwards);
+    bool goes_on = !missed && !is_last && next.is_possible && part > 0.0f && random.z < survival;
+    store_planes(ray_origin, n, i, next.origin);
+    store_planes(ray_direction, n, i, next.direction);
     store_planes(throughput, n, i, scale3(1.0f / survival, kept));
     ray_length[i] = goes_on ? INFINITY : 0.0f;
     ray_counts[i] += goes_on ? 1 : 0;
@@ -201,7 +123,7 @@ __kernel void shade(
 #endif
 #if HAS_TEXTURES
     cone[i] = surface.cone_width;
-    cone[n + i] = surface.cone_spread + rough_spread(next.density < INFINITY ? surface.roughness * surface.roughness : 0.0f);
+    cone[n + i] = surface.cone_spread + rough_spread(alpha_of(&surface, next.density));
 #endif
 together:
     LEAVE_TOGETHER;
