@@ -24,7 +24,7 @@ from .trace import CHUNK, HITS, Generate, Shadow, Trace, TraceCamera, path_count
 
 _SHADOW_RAY = ("shadow_origin", "shadow_direction", "shadow_length", "shadow_radiance")
 _RUN = 64  # places that one work-item goes through, as in cl/octree/look_up.cl
-_CAMERA_WORDS, _ESTIMATE_WORDS = 17, 19  # as in cl/octree/estimate.cl
+_ESTIMATE_WORDS = 19  # as in cl/octree/estimate.cl
 _LEAST_PART = 1 / 64  # of the pixels along an edge for which there are caching paths, however little time there is
 # What a layer is, by the names that kernels have for it: (3, pixels), or (pixels,).
 LAYER_VECTORS = ("light", "albedo", "emitted", "own", "pass", "normal")

@@ -119,3 +119,29 @@ def test_a_glossy_coat_takes_its_part_of_diffuse_light():
     ours = np.mean(_images(scene, "octree", range(8), 16, (24, 24), caching_resolution=0.0, bounces=BOUNCES), axis=0)
     theirs = np.mean(_images(scene, "pathtrace", range(100, 108), 16, (24, 24), bounces=BOUNCES), axis=0)
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
+
+
+def test_diffuse_light_under_a_coat_seen_at_a_flat_angle_has_no_outliers():
+    # Under an even sky a sample is its own weight, 1 / chance of the diffuse part, which is at least one half.
+    plastic = Material("plastic", (0.5, 0.5, 0.5), specular=1.0, roughness=0.3)
+    scene = lit(floor(4), camera=view((0, 0.06, 2), (0, 0, 0), 20), materials=[plastic], environment=(1.0, 1.0, 1.0))
+    renderer = octree(scene, (48, 48), store=1, length=0, samples=1, resolution=512, spp=2)
+    next(renderer.frames(0, 1))
+    known = cells(renderer)
+    assert known.counts[0].sum() > 1000
+    assert known.front.max() <= 2.002 and known.back.max() <= 2.002
+    assert root_mean(renderer) == pytest.approx(1.0, abs=0.1)
+
+
+def test_jitter_into_a_cell_that_knows_nothing_asks_the_own_one():
+    scene = lit(floor(), camera=view((0, 3, 0.1), (0, 0, 0), 0.1), materials=[grey(0.5)], environment=(1.0, 1.0, 1.0))
+    renderer = octree(scene, (16, 16), samples=1, jitter=0.5)
+    counted = next(renderer.frames(0, 1)).stats["eyes"]["mono"]["cache"]
+    assert counted["hits"] == counted["lookups"] == 256
+
+
+@pytest.mark.parametrize(("part", "paths"), [(1.0, 30 * 22), (0.5, 15 * 11)])
+def test_every_caching_path_hits_behind_a_near_plane(part, paths):
+    scene = lit(floor(), camera=view((0, 3, 0.1), (0, 0, 0), near=1.0), materials=[grey(0.5)])
+    renderer = octree(scene, (30, 22), store=1, length=0, caching_resolution=part)
+    assert next(renderer.frames(0, 1)).stats["eyes"]["mono"]["cache"]["inserted"] == paths
