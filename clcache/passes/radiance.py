@@ -53,7 +53,7 @@ class CountImportance(Pass):
         ranges = {"count_range": arrays["count_range_before"], "next_range": arrays["count_range"]}
         yield self._divide.run(_COUNTS, arrays, **ranges, counts=_COUNTS)
         yield self._find.run(-(-pixels // GROUP), arrays, pixels=pixels)
-        yield self._count.run(n // BLOCK**2, arrays, n=n, blocks=n // BLOCK**2, update=state.update)
+        yield self._count.run(n // BLOCK**2, arrays, n=n, blocks=n // BLOCK**2, update=state.update % 2**32)
 
 
 class Choose(Pass):

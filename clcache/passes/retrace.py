@@ -26,8 +26,8 @@ def retrace_buffers(pixels: int, groups: int) -> list[Buffer]:
 
 
 def draws(state) -> dict[str, int]:
-    """The scalars by which kernels draw random numbers for the samples of a cache."""
-    return {"update": state.update, "key0": state.key[0], "key1": state.key[1]}
+    """The scalars by which kernels draw random numbers for the samples of a cache; updates count modulo 2^32."""
+    return {"update": state.update % 2**32, "key0": state.key[0], "key1": state.key[1]}
 
 
 def _plan(device: Device, defines: Mapping[str, int | bool], tracing: str) -> Program:

@@ -21,14 +21,14 @@ def decode_picture(data: bytes, where: str) -> np.ndarray:
     """(h, w, 4) uint8 RGBA, sRGB-encoded, top row first, from the bytes of a picture file.
 
     16-bit pictures are rounded to 8 bits. Floating-point pictures hold linear light by convention: they are clipped to
-    [0, 1] and encoded. Raises SceneError if the data is no picture, is cut short, or would take more pixels than Pillow
-    holds to be safe to unpack.
+    [0, 1] and encoded. Raises SceneError if the data is no picture, is cut short, has values that are not finite, or would take
+    more pixels than Pillow holds to be safe to unpack.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of large pictures and of odd metadata
             with Image.open(io.BytesIO(data)) as picture:
-                return _to_rgba8(picture)
+                return _to_rgba8(picture, where)
     except Image.DecompressionBombError:
         raise SceneError(
             f"{where}: the picture has too many pixels; expected at most {2 * Image.MAX_IMAGE_PIXELS:,}"
@@ -39,16 +39,25 @@ def decode_picture(data: bytes, where: str) -> np.ndarray:
         raise SceneError(f"{where}: the picture is damaged ({' '.join(str(error).split())})") from None
 
 
-def _to_rgba8(picture: Image.Image) -> np.ndarray:
+def _to_rgba8(picture: Image.Image, where: str) -> np.ndarray:
     if picture.mode.startswith(
         "I"
     ):  # I;16 and its byte orders; I, in which Pillow hands out 16-bit greys of some formats
         grey = np.clip(np.asarray(picture).astype(np.float64), 0, 65535)
         return _grey_to_rgba8(np.rint(grey / 257).astype(np.uint8))
     if picture.mode == "F":
-        grey = np.nan_to_num(np.clip(np.asarray(picture), 0.0, 1.0))
+        values = np.asarray(picture)
+        _check_finite(values, where)
+        grey = np.clip(values, 0.0, 1.0)
         return _grey_to_rgba8(np.rint(255 * encode_srgb(grey)).astype(np.uint8))
     return np.array(picture.convert("RGBA"), np.uint8)
+
+
+def _check_finite(values: np.ndarray, where: str) -> None:
+    finite = np.isfinite(values)
+    if not finite.all():
+        row, column = np.unravel_index(int(np.argmin(finite)), finite.shape)
+        raise SceneError(f"{where}: pixel ({column}, {row}) is {values[row, column]:g}; expected finite numbers")
 
 
 def _grey_to_rgba8(grey: np.ndarray) -> np.ndarray:
