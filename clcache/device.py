@@ -16,6 +16,10 @@ from .program import Program
 # Arrays that large pages are worth it for, and what drivers want host memory to be aligned to, to use it in place; bytes.
 _LARGE = 1 << 22
 _PAGE = 4096
+# With fast math: what the compiler may do. Infinities and NaNs keep their meaning, since kernels mark by them what is not there.
+_FAST_MATH = "-cl-unsafe-math-optimizations"
+# Programs that have none of it: those that decide hits and the trees and cells that rays find, and sums that carry their rounding errors.
+_EXACT = ("bvh/", "octree/occupy.cl", "pathtrace/film.cl")
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,8 @@ class Device:
 
     spec: index, or part of the platform's or the device's name; None for the default. threads: how many of a CPU's
     compute units to use. local_size: work-items in a group of kernels that do not prescribe it. on_compile: called with
-    a program's name before it is built. Raises DeviceError, SettingError.
+    a program's name before it is built. fast_math: whether kernels that decide no hits may round less carefully. Raises DeviceError,
+    SettingError.
     """
 
     def __init__(
@@ -66,6 +71,7 @@ class Device:
         threads: int | None = None,
         local_size: int = 64,
         on_compile: Callable[[str], None] | None = None,
+        fast_math: bool = False,
     ):
         if threads is not None:
             processors = os.cpu_count() or threads
@@ -89,9 +95,9 @@ class Device:
         self.allocated = 0
         self._on_compile = on_compile
         self._programs: dict[tuple, Program] = {}
-        self._options = ["-cl-std=CL1.2"]
-        if self.capabilities.exact_division:
-            self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        exact = ["-cl-fp32-correctly-rounded-divide-sqrt"] if self.capabilities.exact_division else []
+        self._exact_options = ["-cl-std=CL1.2", *exact]
+        self._options = ["-cl-std=CL1.2", _FAST_MATH] if fast_math else self._exact_options
 
     def program(self, name: str, generated: Mapping[str, str] | None = None, **defines: int | float | bool) -> Program:
         """The program of `cl/<name>`, specialised by the defines; built at its first use. generated: as of `read_source`. Raises
@@ -106,7 +112,8 @@ class Device:
             if self._on_compile:
                 self._on_compile(name)
             defines = {"HAS_FP64": self.capabilities.fp64, **defines}
-            program = Program(self.context, self.queue, self._options, self.local_size, name, defines, generated)
+            options = self._exact_options if name.startswith(_EXACT) else self._options
+            program = Program(self.context, self.queue, options, self.local_size, name, defines, generated)
             self.compile_seconds += program.seconds
             self._programs[key] = program
         return self._programs[key]

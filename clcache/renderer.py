@@ -123,7 +123,9 @@ class Renderer:
         self.settings = settings_module.resolve(defaults.settings, settings or {})
         self.aovs = _checked_aovs(aovs)
 
-        self.device = Device(device, threads, self.settings["device.local_size"], on_compile)
+        self.device = Device(
+            device, threads, self.settings["device.local_size"], on_compile, self.settings["device.fast_math"]
+        )
         self._resources = SceneResources(self.device, scene)
         setup = MethodSetup(self.device, self._resources, self.size, self.settings, self.stereo_blend, self.memo)
         self._parts = parts = METHODS[self.method](setup)

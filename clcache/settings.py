@@ -12,7 +12,9 @@ class Setting:
     """One setting: dotted name, default (whose type is the setting's type), inclusive range or choices, and meaning.
 
     of: what depends on it: what a method keeps of the "world", and all that is made of it; or no more than the "image", so that
-    renders in which it differs can share what they know of the world; or the "speed" alone.
+    renders in which it differs can share what they know of the world; or the "speed" alone. trade: of a setting that trades accuracy
+    for speed or memory, the values that `clcache tradeoff` tries, cheapest first where they have an order; the default is one of them.
+    Values with which images do not repeat are not: what is measured is a function of what is asked for.
     """
 
     name: str
@@ -22,6 +24,7 @@ class Setting:
     high: float | None = None
     choices: tuple[str, ...] | tuple[int, ...] = ()
     of: str = "world"
+    trade: tuple[bool | int | float | str, ...] = ()
 
     @property
     def type(self) -> str:
@@ -83,8 +86,22 @@ def _parse_number(value: object, kind: type) -> int | float | None:
 SETTINGS: dict[str, Setting] = {
     s.name: s
     for s in (
-        Setting("pathtrace.bounces", 3, "indirect bounces after the first hit; 0 is direct light only", 0, 64),
-        Setting("pathtrace.roulette", 2, "first bounce at which Russian roulette may end a path", 1, 64),
+        Setting(
+            "pathtrace.bounces",
+            3,
+            "indirect bounces after the first hit; 0 is direct light only",
+            0,
+            64,
+            trade=(1, 2, 3),
+        ),
+        Setting(
+            "pathtrace.roulette",
+            2,
+            "first bounce at which Russian roulette may end a path",
+            1,
+            64,
+            trade=(1, 2, 4),
+        ),
         Setting(
             "pathtrace.sampler",
             "sobol",
@@ -97,8 +114,16 @@ SETTINGS: dict[str, Setting] = {
             "samples that a pixel can keep, of samplecache; up to 16 need a mask of 32 bits, more one of 64",
             1,
             32,
+            trade=(6, 12, 24),
         ),
-        Setting("samplecache.target", 4.0, "samples that a pixel is to have, as far as it has slots", 1, 32),
+        Setting(
+            "samplecache.target",
+            4.0,
+            "samples that a pixel is to have, as far as it has slots",
+            1,
+            32,
+            trade=(2.0, 4.0, 8.0),
+        ),
         Setting(
             "samplecache.tolerance",
             1.0,
@@ -111,6 +136,7 @@ SETTINGS: dict[str, Setting] = {
             "adaptive",
             "which samples are traced again in a frame: one of each pixel, all, or few where the surface is plainly continuous",
             choices=("single", "multi", "adaptive"),
+            trade=("single", "adaptive", "multi"),
         ),
         Setting(
             "samplecache.reprojection",
@@ -123,12 +149,21 @@ SETTINGS: dict[str, Setting] = {
             "adaptive",
             "which samples are shaded in a frame: one of each pixel, or those of pixels with the fewest radiance samples first",
             choices=("uniform", "adaptive"),
+            trade=("uniform", "adaptive"),
         ),
-        Setting("samplecache.shading_rate", 0.9, "samples shaded in a frame for each pixel, on average", 0.0625, 1),
+        Setting(
+            "samplecache.shading_rate",
+            0.9,
+            "samples shaded in a frame for each pixel, on average",
+            0.0625,
+            1,
+            trade=(0.25, 0.5, 0.9, 1.0),
+        ),
         Setting(
             "samplecache.demodulate",
             False,
             "keep radiance without the first hit's albedo, which is then read anew in every frame",
+            trade=(False, True),
         ),
         Setting(
             "samplecache.alpha",
@@ -143,14 +178,23 @@ SETTINGS: dict[str, Setting] = {
             "of stereo blending: 1 takes each pixel by itself, 0 blurs moments and the other eye's colour the most",
             0,
             1,
+            trade=(1.0, 0.8, 0.5),
         ),
-        Setting("isrt.superresolution", 3, "cells along a pixel's edge, each of which keeps one sample", 1, 5),
+        Setting(
+            "isrt.superresolution",
+            3,
+            "cells along a pixel's edge, each of which keeps one sample",
+            1,
+            5,
+            trade=(2, 3, 4),
+        ),
         Setting(
             "voxelhash.capacity",
             2097152,
             "voxels that the table has room for, 24 bytes each and 4 of scratch",
             1,
             2**28,
+            trade=(131072, 524288, 2097152),
         ),
         Setting("voxelhash.probe", 16, "places of the table that a voxel may be at", 1, 64),
         Setting(
@@ -164,23 +208,34 @@ SETTINGS: dict[str, Setting] = {
             "voxelhash.jitter",
             True,
             "let a hit find its voxel at random among its neighbours, which hides the voxels' edges",
+            trade=(False, True),
         ),
         Setting(
             "voxelhash.gate",
             True,
             "follow paths on from hits that lie closer to where they come from than a voxel is wide: there its edges would show",
+            trade=(False, True),
         ),
         Setting(
             "voxelhash.lod",
             "incidence",
             "what the size of voxels follows: the distance, or the pixel's footprint on the surface, which slanted ones stretch",
             choices=("distance", "incidence"),
+            trade=("distance", "incidence"),
         ),
-        Setting("voxelhash.level_bias", 0.0, "added to the level of detail: 1 doubles the width of voxels", -8, 8),
+        Setting(
+            "voxelhash.level_bias",
+            0.0,
+            "added to the level of detail: 1 doubles the width of voxels",
+            -8,
+            8,
+            trade=(2.0, 1.0, 0.0, -1.0),
+        ),
         Setting(
             "voxelhash.inherit",
             True,
             "let a new voxel begin with the radiance of the coarser or finer one at its place",
+            trade=(False, True),
         ),
         Setting(
             "voxelhash.alpha",
@@ -195,6 +250,7 @@ SETTINGS: dict[str, Setting] = {
             "cells of the finest level along the scene's longest edge: finer ones keep finer shadows; twice as many take four times the"
             " memory, and four times the samples to fill",
             choices=(64, 128, 256, 512, 1024, 2048, 4096),
+            trade=(256, 512, 1024, 2048),
         ),
         Setting(
             "octree.store",
@@ -202,6 +258,7 @@ SETTINGS: dict[str, Setting] = {
             "vertices of each caching path whose light is kept: more of them fill cells beyond what is in view, and make paths longer",
             1,
             16,
+            trade=(1, 2, 3, 4),
         ),
         Setting(
             "octree.length",
@@ -227,6 +284,7 @@ SETTINGS: dict[str, Setting] = {
             0,
             1,
             of="image",
+            trade=(0.25, 0.5, 1.0),
         ),
         Setting(
             "octree.frame_time",
@@ -245,6 +303,7 @@ SETTINGS: dict[str, Setting] = {
             1,
             65535,
             of="image",
+            trade=(8, 32, 128),
         ),
         Setting(
             "octree.level_bias",
@@ -253,6 +312,7 @@ SETTINGS: dict[str, Setting] = {
             -4,
             4,
             of="image",
+            trade=(-1.0, 0.0, 1.0),
         ),
         Setting(
             "octree.jitter",
@@ -261,6 +321,7 @@ SETTINGS: dict[str, Setting] = {
             0,
             2,
             of="image",
+            trade=(0.0, 0.5, 1.0),
         ),
         Setting(
             "octree.gate",
@@ -268,6 +329,7 @@ SETTINGS: dict[str, Setting] = {
             "let no cell answer that is wider than the way from which its hit is reached: its edges would show in corners, and light from"
             " behind them; where finer ones do not know, the hit is traced for itself",
             of="image",
+            trade=(False, True),
         ),
         Setting(
             "octree.filter",
@@ -276,6 +338,7 @@ SETTINGS: dict[str, Setting] = {
             " is an extra to install, and slower",
             choices=("bilateral", "none", "oidn"),
             of="image",
+            trade=("none", "bilateral", "oidn"),
         ),
         Setting(
             "octree.layered",
@@ -283,6 +346,7 @@ SETTINGS: dict[str, Setting] = {
             "filter the light of each surface along specular and glossy paths by itself, from the last to the first; else only the image"
             " by what is seen first, which is faster, and blurs what mirrors and glass show",
             of="image",
+            trade=(False, True),
         ),
         Setting(
             "octree.filter_normal",
@@ -342,8 +406,17 @@ SETTINGS: dict[str, Setting] = {
             "how temporal filters read the frame before between its pixels: bicubic stays sharper",
             choices=("bilinear", "bicubic"),
             of="image",
+            trade=("bilinear", "bicubic"),
         ),
-        Setting("taa.alpha", 0.1, "weight of the new frame against the history, of --temporal taa", 0, 1, of="image"),
+        Setting(
+            "taa.alpha",
+            0.1,
+            "weight of the new frame against the history, of --temporal taa",
+            0,
+            1,
+            of="image",
+            trade=(0.05, 0.1, 0.2),
+        ),
         Setting(
             "taa.validation",
             "clamp",
@@ -351,9 +424,16 @@ SETTINGS: dict[str, Setting] = {
             " edge of the neighbours' range, or drawn towards their mean as far as taa.gamma standard deviations",
             choices=("none", "reject", "clamp", "clip"),
             of="image",
+            trade=("none", "reject", "clamp", "clip"),
         ),
         Setting(
-            "taa.gamma", 1.0, "standard deviations that taa.validation=clip lets the history be off", 0, 10, of="image"
+            "taa.gamma",
+            1.0,
+            "standard deviations that taa.validation=clip lets the history be off",
+            0,
+            10,
+            of="image",
+            trade=(0.5, 1.0, 2.0),
         ),
         Setting(
             "varianceblend.per_channel",
@@ -361,6 +441,7 @@ SETTINGS: dict[str, Setting] = {
             "of both --temporal and --stereo-blend varianceblend: weigh each colour channel by its own variance; else all three by"
             " that of the luminance",
             of="image",
+            trade=(False, True),
         ),
         Setting(
             "varianceblend.estimate",
@@ -369,8 +450,17 @@ SETTINGS: dict[str, Setting] = {
             " or corrected for that noise; --stereo-blend varianceblend does it as published",
             choices=("published", "corrected"),
             of="image",
+            trade=("published", "corrected"),
         ),
-        Setting("stereo.beta", 0.5, "weight of the own eye's colour, of --stereo-blend constant", 0, 1, of="image"),
+        Setting(
+            "stereo.beta",
+            0.5,
+            "weight of the own eye's colour, of --stereo-blend constant",
+            0,
+            1,
+            of="image",
+            trade=(0.5, 0.75),
+        ),
         Setting(
             "memo.capacity",
             0,
@@ -378,6 +468,7 @@ SETTINGS: dict[str, Setting] = {
             " as hold 2^21 texels",
             0,
             2**28,
+            trade=(32768, 0),
         ),
         Setting(
             "memo.probe",
@@ -392,6 +483,7 @@ SETTINGS: dict[str, Setting] = {
             "what makes room where all places are taken: nothing, so that what is new is discarded; a place at random; or what was"
             " written (lrw) or used (lru) longest ago, by the frame, or by a counter that tells more apart and is written more often",
             choices=("none", "random", "lrw-frame", "lru-frame", "lrw-counter", "lru-counter"),
+            trade=("none", "random", "lru-frame"),
         ),
         Setting(
             "memo.tile",
@@ -399,12 +491,14 @@ SETTINGS: dict[str, Setting] = {
             "texels of a tile, width x height, with those that neighbours share under memo.filter=bilinear: larger tiles are missed"
             " less often, and have more texels that nothing asks for",
             choices=("2x2", "3x3", "4x4", "5x5", "6x5", "8x4"),
+            trade=("2x2", "4x4", "8x4"),
         ),
         Setting(
             "memo.filter",
             "nearest",
             "how tiles are read: the nearest texel, or four of them, which is smoother, takes longer, and stores a row and a column twice",
             choices=("nearest", "bilinear"),
+            trade=("nearest", "bilinear"),
         ),
         Setting(
             "memo.snap",
@@ -418,17 +512,20 @@ SETTINGS: dict[str, Setting] = {
             "added to the level of detail of texels: 1 halves their width, which is sharper, and fills the cache four times as fast",
             -4,
             4,
+            trade=(-1.0, 0.0, 1.0),
         ),
         Setting(
             "memo.primary",
             True,
             "whether hits of camera rays are memoized, too; else the cache blurs only what is seen by way of other surfaces",
+            trade=(True, False),
         ),
         Setting(
             "memo.precision",
             "float",
             "how values are stored; as half they take half the memory, and keep 11 bits",
             choices=("float", "half"),
+            trade=("half", "float"),
         ),
         Setting(
             "memo.auto",
@@ -475,6 +572,13 @@ SETTINGS: dict[str, Setting] = {
             1,
             1024,
             of="speed",
+        ),
+        Setting(
+            "device.fast_math",
+            False,
+            "let the compiler round less carefully where no hit is decided: reorder sums, divide and take roots by approximations",
+            of="image",
+            trade=(True, False),
         ),
     )
 }

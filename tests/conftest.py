@@ -1,9 +1,14 @@
 """Fixtures for all tests: every OpenCL device of this machine that works."""
 
 import pytest
+from hypothesis import settings
 
 from clcache import drivers
 from clcache.device import Device
+
+# How long an example takes depends on what else the machine does.
+settings.register_profile("clcache", deadline=None)
+settings.load_profile("clcache")
 
 
 def _usable() -> list[drivers.Candidate]:

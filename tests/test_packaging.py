@@ -22,10 +22,16 @@ def canonical(name):
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def third_party_imports(folder, only_at_the_top=False):
+# Those parts of the package that its optional requirements are for.
+OPTIONAL = ("clcache/experiments", "clcache/cli/experiment.py", "clcache/cli/tradeoff.py")
+
+
+def third_party_imports(folder, only_at_the_top=False, without=()):
     """(module, file) of what the folder's files import from neither Python nor the project."""
     own = {"clcache"} | {file.stem for part in ("tests", "tools") for file in (ROOT / part).rglob("*.py")}
     for file in (ROOT / folder).rglob("*.py"):
+        if str(file.relative_to(ROOT)).startswith(without):
+            continue
         tree = ast.parse(file.read_text())
         for node in tree.body if only_at_the_top else ast.walk(tree):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
@@ -38,13 +44,20 @@ def third_party_imports(folder, only_at_the_top=False):
 @pytest.mark.parametrize(
     ("imports", "sections"),
     [
-        (third_party_imports("clcache"), [("options", "install_requires")]),
+        (third_party_imports("clcache", without=OPTIONAL), [("options", "install_requires")]),
+        (
+            third_party_imports("clcache"),
+            [
+                ("options", "install_requires"),
+                *(("options.extras_require", extra) for extra in ("experiments", "peers", "oidn")),
+            ],
+        ),
         (
             third_party_imports("tests", only_at_the_top=True),
             [("options", "install_requires"), ("options.extras_require", "test")],
         ),
     ],
-    ids=["package", "tests"],
+    ids=["package", "experiments", "tests"],
 )
 def test_what_is_imported_is_declared(imports, sections):
     allowed, distributions = declared(*sections), packages_distributions()

@@ -1,8 +1,8 @@
-"""A Cornell box with a metal and a glass sphere: `python tools/make_spheres.py` writes data/spheres/scene.toml.
+"""A Cornell box with a metal and a glass sphere: `python tools/make_spheres.py` writes data/spheres.
 
 The room, its lamp and its camera's place are those of tools/make_cornell.py. The camera slides sideways and looks at one
 point, so that all that the spheres show depends on the view. The roughness of both spheres stands once in each of their
-materials; --alpha writes another one.
+materials: 0 in scene.toml, and GGX's alpha = 0.2 and 0.4 in alpha-0.2/scene.toml and alpha-0.4/scene.toml; --alpha writes another one.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from scene_files import DATA, key_frames, write_text
 SPHERES = (("metal", 0.62, -0.78, -0.35), ("glass", 0.52, 0.72, 0.30))  # material, radius, x, z
 SLIDE = 0.22  # metres to either side
 FRAMES, FPS = 64, 30
+ALPHAS = {".": 0.0, "alpha-0.2": 0.2, "alpha-0.4": 0.4}  # by folder
 
 HEADER = """\
 # A Cornell box with a metal and a glass sphere. Written by tools/make_spheres.py.
@@ -74,16 +75,24 @@ def spheres() -> str:
     return text
 
 
+def scene(alpha: float) -> str:
+    """The scene file. alpha: GGX roughness of both spheres."""
+    walls = "".join(material(name, color) for name, color in MATERIALS.items())
+    lamp = material("lamp", (0.0, 0.0, 0.0), LAMP_RADIANCE)
+    return HEADER + camera() + walls + lamp + sphere_materials(alpha) + room() + spheres()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=DATA / "spheres", help="folder to write to")
-    parser.add_argument("--alpha", type=float, default=0.0, help="GGX roughness of both spheres, 0 to 1")
+    parser.add_argument(
+        "--alpha", type=float, help="GGX roughness of both spheres, 0 to 1 (default: each of the project's)"
+    )
     args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
-    walls = "".join(material(name, color) for name, color in MATERIALS.items())
-    lamp = material("lamp", (0.0, 0.0, 0.0), LAMP_RADIANCE)
-    text = HEADER + camera() + walls + lamp + sphere_materials(args.alpha) + room() + spheres()
-    write_text(args.out / "scene.toml", text)
+    for name, alpha in (ALPHAS if args.alpha is None else {".": args.alpha}).items():
+        folder = args.out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "scene.toml", scene(alpha))
 
 
 if __name__ == "__main__":

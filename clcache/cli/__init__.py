@@ -13,15 +13,17 @@ from typing import NoReturn
 
 from ..errors import Error, SceneError, SettingError
 from ..version import __version__
-from . import bench, compare, doctor, merge, render, settings, terminal
+from . import bench, compare, doctor, experiment, merge, render, settings, terminal, tradeoff
 
 COMMANDS = {
     "bench": bench,
     "compare": compare,
     "doctor": doctor,
+    "experiment": experiment,
     "merge": merge,
     "render": render,
     "settings": settings,
+    "tradeoff": tradeoff,
 }
 
 

@@ -37,8 +37,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         metavar="M",
         help=f"rendering method, of pathtrace, {', '.join(settings.CACHED_METHODS)} (default: the scene's, else pathtrace)",
     )
-    add("--size", metavar="WxH", type=_size, help="pixels (default: the scene's, else 640x360)")
-    add("--frames", metavar="A:B", type=_frames, help="frame numbers from A to B - 1 (default: the scene's, else 0:1)")
+    add("--size", metavar="WxH", type=parse_size, help="pixels (default: the scene's, else 640x360)")
+    add(
+        "--frames",
+        metavar="A:B",
+        type=parse_frames,
+        help="frame numbers from A to B - 1 (default: the scene's, else 0:1)",
+    )
     add(
         "--fps", metavar="N", type=_fps, help="frame n shows the scene at n / N seconds (default: the scene's, else 30)"
     )
@@ -275,7 +280,8 @@ def _whole(least: int) -> Callable[[str], int]:
     return parse
 
 
-def _size(text: str) -> tuple[int, int]:
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height, of an option's WxH."""
     match = re.fullmatch(r"([0-9]{1,10})x([0-9]{1,10})", text)
     size = (int(match[1]), int(match[2])) if match else (0, 0)
     if min(size) < 1:
@@ -283,7 +289,8 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
-def _frames(text: str) -> tuple[int, int]:
+def parse_frames(text: str) -> tuple[int, int]:
+    """The first frame and the one behind the last, of an option's A:B."""
     match = re.fullmatch(r"([0-9]{1,10}):([0-9]{1,10})", text)
     frames = (int(match[1]), int(match[2])) if match else (0, 0)
     if not frames[0] < frames[1] <= MAX_FRAME:

@@ -474,20 +474,20 @@ whole = st.integers(0, 3) | st.integers(0, 10**12)
 @given(whole, whole)
 def test_sizes_and_frames_are_read_back_or_refused(a, b):
     if 1 <= a < 10**10 and 1 <= b < 10**10:
-        assert render._size(f"{a}x{b}") == (a, b)
+        assert render.parse_size(f"{a}x{b}") == (a, b)
     else:
         with pytest.raises(argparse.ArgumentTypeError, match="expected WxH"):
-            render._size(f"{a}x{b}")
+            render.parse_size(f"{a}x{b}")
     if a < b <= render.MAX_FRAME:
-        assert render._frames(f"{a}:{b}") == (a, b)
+        assert render.parse_frames(f"{a}:{b}") == (a, b)
     else:
         with pytest.raises(argparse.ArgumentTypeError, match="expected A:B"):
-            render._frames(f"{a}:{b}")
+            render.parse_frames(f"{a}:{b}")
 
 
 @given(st.text() | st.from_regex(r"[-+0-9x:.e_ ]+") | st.from_regex(r"\d{1,6}[x:]\d{1,6}"))
 def test_no_text_breaks_a_parser(text):
-    for parse in (render._size, render._frames, render._fps, render._aovs, render._whole(0)):
+    for parse in (render.parse_size, render.parse_frames, render._fps, render._aovs, render._whole(0)):
         with contextlib.suppress(argparse.ArgumentTypeError):
             parse(text)
             assert text.isascii() or parse is render._fps

@@ -11,12 +11,13 @@ from clcache.settings import SETTINGS
 def test_every_setting_is_a_row_of_the_table(capsys):
     assert main(["settings"]) == 0
     heading, *rows = capsys.readouterr().out.splitlines()
-    assert heading.split() == ["name", "type", "default", "range", "meaning"]
+    assert heading.split() == ["name", "type", "default", "range", "trade", "meaning"]
     assert [row.split()[0] for row in rows] == list(SETTINGS)
     for row, setting in zip(rows, SETTINGS.values(), strict=True):
         columns = [heading.index(name) for name in heading.split()] + [None]
         cells = [row[start:end].strip() for start, end in zip(columns, columns[1:], strict=False)]
-        assert cells[:2] + cells[3:] == [setting.name, setting.type, setting.range, setting.meaning]
+        trade = "yes" if setting.trade else ""
+        assert cells[:2] + cells[3:] == [setting.name, setting.type, setting.range, trade, setting.meaning]
         assert setting.parse(cells[2]) == setting.default
 
 

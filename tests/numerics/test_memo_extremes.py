@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from cache_renders import one_device
 from memo_renders import assert_same, counters, defined, frames, painted, yard
-from render_helpers import BLACK
 
 from clcache.graph import OUTPUTS
 from clcache.scene.model import Material
@@ -113,22 +112,6 @@ def test_a_graph_of_all_outputs():
     half = checked(frames(scene, "texel", precision="half", count=1))
     away = np.abs(half[0].color["mono"] - expected[0].color["mono"]) / (0.1 + expected[0].color["mono"])
     assert 0 < np.median(away[away > 0]) < 1e-2 and (away > 1e-2).mean() < 0.05
-
-
-@pytest.mark.parametrize("memo", MEMOS)
-def test_halves_have_an_end(memo):
-    """What is more than half precision can hold is the most that it can, and what is less than that is rounded."""
-    text = "UVInput Out>0;\nFloat2Constant 0 0 Out>1;\nDot A<0 B<1 Out>2;\nFloat3Constant 1e6 65504 1000.3 Out>3;\nAdd A<2 B<3 Out>4;\nEmissionOutput In<4;\n"
-    lamp = Material("lamp", BLACK, graph=defined("lamp", text), roughness=1.0)
-    scene = replace(yard(lamp), lights=())
-    options = {"settings": {"pathtrace.bounces": 0}, "count": 1, "aovs": ()}
-    (whole,), (half,) = (checked(frames(scene, memo, precision=p, **options)) for p in ("float", "half"))
-    lit = whole.color["mono"][..., 0] > 1e5
-    assert lit.mean() > 0.2
-    np.testing.assert_allclose(whole.color["mono"][lit], [[1e6, 65504, 1000.3]] * lit.sum(), rtol=1e-6)
-    np.testing.assert_allclose(
-        half.color["mono"][lit], [[LARGEST_HALF, LARGEST_HALF, np.float16(1000.3)]] * lit.sum(), rtol=1e-6
-    )
 
 
 @pytest.mark.parametrize("eviction", ["none", "lru-counter"])

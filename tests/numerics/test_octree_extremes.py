@@ -85,25 +85,6 @@ def test_grazing_view():
     assert not last[:14].any()
 
 
-@pytest.mark.parametrize("sine", [1e-2, 1e-4, 1e-6, 0.0, -1e-6])
-def test_grazing_light(sine):
-    """Cells keep it to half precision, above what half precision has at all."""
-    light = DirectionalLight((float(np.sqrt(1 - sine**2)), -sine, 0.0), (np.pi,) * 3)
-    for color in colors(direct(ground(lights=[light]))):
-        np.testing.assert_allclose(2 * color, max(sine, 0.0), rtol=2.0**-10, atol=LEAST_HALF)
-
-
-def test_near_plane():
-    """Half of the ball stands before the near plane: its far half is seen, from within, where the sky does not shine."""
-    scene = lit(ball(1, 3), camera=view((0, 0, 3), (0, 0, 0), 10), materials=[grey(1.0)], environment=WHITE)
-    (outer,) = direct(scene, aovs=("Z",)).frames(0, 1)
-    np.testing.assert_allclose(outer.color["mono"], 1.0, rtol=1e-5)
-    for samples in (1, 8):
-        inside = replace(scene, camera=view((0, 0, 3), (0, 0, 0), 10, near=3.0))
-        for frame in direct(inside, aovs=("Z",), samples=samples).frames(0, 3):
-            assert frame.aov("Z", "mono").min() >= 3.0 and not frame.color["mono"].any()
-
-
 @pytest.mark.parametrize("apart", [0.0, 10.0])
 def test_eyes_apart(apart):
     """Those in one place ask for the same cells; those far apart share nothing that they could spoil."""
@@ -117,26 +98,6 @@ def test_eyes_apart(apart):
             np.testing.assert_allclose(frame.color[eye], 0.5, rtol=1e-4)
     left, right = (counters(frame, eye)["occupied"] for eye in ("left", "right"))
     assert (right > 1.5 * left) if apart and frame.number == 0 else right >= left
-
-
-def test_camera_cut():
-    """From ground of one albedo to that of another, far away, and back: no pixel has anything of the other."""
-    scene = ground(floor(20), floor(20, 1), albedos=(0.5, 0.25), instances=[(0, IDENTITY), (1, at((500, 20, 0)))])
-    cameras = [ABOVE] * 3 + [view((500, 23, 0.1), (500, 20, 0))] * 2 + [ABOVE]
-    of = direct(along(scene, cameras), resolution=1024)
-    for color, expected in zip(colors(of, 6), [0.5] * 3 + [0.25] * 2 + [0.5], strict=True):
-        np.testing.assert_allclose(color, expected, rtol=1e-5)
-
-
-def test_a_half_turn_and_back():
-    """Ground of one albedo before the camera, of another one behind it."""
-    halves = floor(100), floor(100, 1)
-    scene = ground(*halves, albedos=(0.5, 0.25), instances=[(0, at((0, 0, -50))), (1, at((0, 0, 50)))])
-    ahead, behind = view((0, 2, 0), (0, 0, -2), 30), view((0, 2, 0), (0, 0, 2), 30)
-    sequence = [ahead] * 3 + [behind] * 2 + [ahead] * 2 + [behind]
-    for frame in direct(along(scene, sequence), filter="bilateral").frames(0, len(sequence)):
-        expected = 0.5 if sequence[frame.number] is ahead else 0.25
-        np.testing.assert_allclose(frame.color["mono"], expected, rtol=1e-4)
 
 
 # Scale and place
@@ -257,36 +218,7 @@ def test_triangles_without_area_beside_others():
         np.testing.assert_allclose(frame.color["mono"], 0.5, rtol=1e-5)
 
 
-@pytest.mark.parametrize("height", [1e-3, 1e-5, 3e-7])
-def test_needles(height):
-    """Triangles 1 m long and next to nothing wide: what is seen of them is lit as their plane is."""
-    base = np.arange(64)[:, None] * [[0, 0, height]]
-    corners = base[:, None] + np.array([[-0.5, 0, 0], [0.5, 0, 0.0], [0.5, 0, height]])
-    middle = np.array([0.3, 0, 32 * height])
-    camera = view(middle + [0, 6.4 * height, 0], middle, 20, up=(1, 0, 0))
-    scene = ground(make_mesh(corners.reshape(-1, 3), np.arange(192)), camera=camera, albedos=(1.0,))
-    always = True
-    for frame in direct(scene, aovs=("albedo",)).frames(0, 3):
-        seen = always = np.isclose(frame.aov("albedo", "mono"), 1) & always
-        assert seen.mean() > 0.05 and frame.color["mono"].max() < 1 + 1e-3
-        np.testing.assert_allclose(frame.color["mono"][seen], 1, rtol=1e-3)
-
-
 # Materials and lights
-
-
-@pytest.mark.parametrize("albedo", [0.0, 1e-8, 1.0])
-def test_albedo_at_its_ends(albedo):
-    for color in colors(direct(ground(albedos=(albedo,)), filter="bilateral")):
-        np.testing.assert_allclose(color, albedo, rtol=1e-5)
-
-
-@pytest.mark.parametrize("albedo", [0.0, 1.0])
-def test_a_furnace(albedo):
-    """Within a ball that shines by itself: its own light, and that of as many bounces as there are, none being lost."""
-    room = lit(ball(2, 2), camera=view((0, 0, 0), (0, 0, -1)), materials=[grey(albedo, 1.0)])
-    color = colors(octree(room, (24, 24), bounces=8, roulette=64, spp=4), 1)[0]
-    assert color.mean() == pytest.approx(10.0 if albedo else 1.0, rel=0.005)
 
 
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
@@ -363,13 +295,13 @@ def test_a_bright_spot_does_not_overflow_what_is_beside_it():
 # Numbers
 
 
-def test_a_thousand_updates_of_a_still_view():
+def test_hundreds_of_updates_of_a_still_view():
     """Converged, but for the cells' width, to the path tracer's image, and finite."""
     scene = replace(yard(moving=False), camera=view((3, 2.5, 0.8), (1.8, 0, 0.2), 10))
-    of = octree(scene, (4, 4), spp=1000, bounces=0, resolution=256)
+    of = octree(scene, (4, 4), spp=300, bounces=0, resolution=256)
     (frame,) = of.frames(0, 1)
     assert relmse(frame.color["mono"], image(scene, (4, 4), 4096, bounces=0)) < 1e-3
-    assert int(of._graph.of()["estimate_of"].get()[18]) == 1000
+    assert int(of._graph.of()["estimate_of"].get()[18]) == 300
 
 
 def test_counts_saturate_and_means_stay():
@@ -388,24 +320,6 @@ def test_seeds(seed):
     colors(of, 1), colors(other, 1)
     keys = [o._graph.of()["octree_cells"].get()[:, 4] for o in (of, other)]
     assert not np.array_equal(*keys)
-
-
-def test_updates_after_two_to_the_32():
-    """The number of an update, and of the sample that it is, go on from 0; images are as good as ever."""
-    of = direct(ground())
-    list(of.frames(0, 1))
-    of._updates = {"mono": 2**32 - 2}
-    for frame in of.frames(1, 5):
-        np.testing.assert_allclose(frame.color["mono"], 0.5, rtol=1e-5)
-    assert of._updates["mono"] % 2**32 == 2
-
-
-def test_frame_numbers_at_two_to_the_31():
-    """Where the camera is follows from the frame's number, what the octree does from how many there were: the images are those of the first."""
-    usual = colors(octree(yard(moving=False), bounces=1), 3)
-    high = list(octree(yard(moving=False), bounces=1).frames(2**31 - 1, 2**31 + 2))
-    for a, b in zip(usual, high, strict=True):
-        np.testing.assert_array_equal(a, b.color["mono"])
 
 
 @pytest.mark.parametrize("setting", [{"jitter": 2.0, "level_bias": -4.0}, {"level_bias": 4.0}, {"store": 16, "length": 0},

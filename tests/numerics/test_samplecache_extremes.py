@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from cache_renders import along, at, counters, held, one_device, yard
 from cache_renders import cached as with_any_bounces
-from helpers import IDENTITY, make_mesh
+from helpers import IDENTITY
 from render_helpers import WHITE, ball, floor, grey, image, lit, view
 
 from clcache.metrics import relmse
-from clcache.scene.model import DirectionalLight, PointLight, Track
+from clcache.scene.model import DirectionalLight, Track
 
 ALL = ("albedo", "N", "Z", "variance", "samples", "occupancy", "visible", "age", "trace")
 SUN = DirectionalLight((0.0, -1.0, 0.0), (np.pi,) * 3)
@@ -128,17 +128,6 @@ def test_a_half_turn_and_back(method):
         assert (counters(frame)["dropped"] > 0) == (frame.number in (4, 7))
 
 
-@pytest.mark.parametrize("distance", [0.0, 10.0])
-def test_eyes_apart(distance):
-    """Blended or not, ground that is evenly lit stays so, whatever the other eye sees of it."""
-    cameras = [view((0.1 * k, 3, 0.1), (0.1 * k, 0, 0)) for k in range(4)]
-    scene = along(level(eye_distance=distance), cameras)
-    for blend in ("none", "samples"):
-        for frame in cached(scene, stereo=True, stereo_blend=blend).frames(0, 4):
-            for eye in ("left", "right"):
-                np.testing.assert_allclose(frame.color[eye], 1, atol=1e-5)
-
-
 def test_grazing_view():
     """A millimetre above a wide plane, on the way along it. Below the horizon all is white, and as dense as elsewhere."""
     cameras = [view((0, 1e-3, -1e-4 * k), (0, 1e-3, -10), 20) for k in range(8)]
@@ -163,25 +152,6 @@ def test_near_plane():
 
 
 # Scenes
-
-
-@pytest.mark.parametrize("scale", [2.0**-20, 2.0**20])
-def test_scale_of_the_scene(scale):
-    """A scene a million times as large, or small, looks the same to the last bit, powers of two being exact: nothing in the
-    algorithm is a length."""
-
-    def scaled(transform):
-        return np.column_stack([transform[:, :3], scale * transform[:, 3]])
-
-    plain = yard(moving=False)
-    meshes = tuple(replace(m, positions=m.positions * np.float32(scale)) for m in plain.meshes)
-    instances = tuple(replace(i, transform=scaled(i.transform)) for i in plain.instances)
-    cameras = [view((1, 2, 4), (0, 0.5, 0)), view((1.1, 2, 4), (0, 0.5, 0)), view((1.2, 2.1, 4), (0, 0.5, 0))]
-    other = replace(plain, meshes=meshes, instances=instances)
-    usual = colors(cached(along(plain, cameras)), 3)
-    moved = [replace(c, transform=scaled(c.transform)) for c in cameras]
-    for a, b in zip(usual, colors(cached(along(other, moved)), 3), strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("offset", [1e4, 1e6])
@@ -220,61 +190,12 @@ def test_everything_falls_into_few_pixels(method):
                 assert frame.aov("occupancy", "mono").max() >= 11
 
 
-@pytest.mark.parametrize("demodulate", [False, True])
-@pytest.mark.parametrize("albedo", [0.0, 1e-8, 1.0])
-def test_albedo_at_its_ends(albedo, demodulate):
-    """A convex thing under a white sky is as bright as its albedo is; black is black, with no division by it."""
-    near = view((0, 0, 1.5), (0, 0, 0), 30)
-    for color in colors(cached(white_sky(albedo, near), demodulate=demodulate)):
-        np.testing.assert_allclose(color, albedo, rtol=1e-5)
-
-
 def test_a_furnace():
     """Within a closed ball that shines by itself, of albedo 1/2: its own light, and half of that by direct light."""
     room = lit(ball(2, 2), camera=view((0, 0, 0), (0, 0, -1)), materials=[grey(0.5, 1.0)])
     (frame,) = cached(room, size=(8, 8), spp=32).frames(0, 1)
     np.testing.assert_allclose(frame.color["mono"].mean(), 1.5, rtol=0.01)
     np.testing.assert_allclose(frame.color["mono"], 1.5, rtol=0.1)
-
-
-@pytest.mark.parametrize("power", [1e-30, 1e-8, 1e8, 1e30])
-def test_light_of_any_power(power):
-    sun = DirectionalLight((0.0, -1.0, 0.0), (power * np.pi,) * 3)
-    for demodulate in (False, True):
-        renderer = cached(replace(level(albedos=(0.5,)), lights=(sun,)), demodulate=demodulate)
-        for color in colors(renderer, 3):
-            np.testing.assert_allclose(color, 0.5 * power, rtol=1e-5)
-
-
-def test_strong_light_beside_a_weak_one():
-    """1e8 from behind the surface and 1e-8 from above: what is seen is the weak one alone, noisy by the choice between them, of which
-    it gets one in twenty (tests/numerics/test_pathtrace_extremes.py). With both above, the weak one is nothing."""
-    weak, camera = PointLight((0, 2, 0), (1e-8,) * 3), view((0, 3, 0.1), (0, 0, 0), 0.1)
-    for height, expected in ((-2, 1e-8), (2, 1e8)):
-        scene = lit(floor(), camera=camera, lights=[weak, PointLight((0, height, 0), (1e8,) * 3)])
-        (frame,) = cached(scene, size=(8, 8), spp=64).frames(0, 1)
-        deviation = np.sqrt((1 - 0.05) / 0.05 / 64 / 64)
-        np.testing.assert_allclose(frame.color["mono"].mean(), expected / 4 / np.pi, rtol=4.5 * deviation)
-        assert np.isfinite(frame.color["mono"]).all()
-
-
-@pytest.mark.parametrize("height", [1e-3, 1e-5, 3e-7])
-def test_needles(height):
-    """Triangles 1 m long and next to nothing wide: where all samples of a pixel hit one and some are shaded it is white."""
-    base = np.arange(64)[:, None] * [[0, 0, height]]
-    corners = base[:, None] + np.array([[-0.5, 0, 0], [0.5, 0, 0.0], [0.5, 0, height]])
-    middle = np.array([0.3, 0, 32 * height])
-    cameras = [
-        view(middle + [1e-3 * k, 6.4 * height, 0], middle + [1e-3 * k, 0, 0], 20, up=(1, 0, 0)) for k in range(4)
-    ]
-    scene = level(make_mesh(corners.reshape(-1, 3), np.arange(192)))
-    for frame in cached(along(scene, cameras), aovs=("albedo", "N", "samples")).frames(0, 4):
-        color, albedo = frame.color["mono"], frame.aov("albedo", "mono")
-        assert color.min() >= 0 and color.max() < 1 + 1e-3
-        known = (albedo == 1) & (frame.aov("samples", "mono") > 0)[..., None]
-        assert known.mean() > 0.1
-        np.testing.assert_allclose(color[known], 1, rtol=1e-3)
-        np.testing.assert_allclose(np.abs(frame.aov("N", "mono")[..., 1][albedo[..., 0] > 0]), 1, rtol=1e-3)
 
 
 def jumping(places):
@@ -337,24 +258,6 @@ def test_thousands_of_updates_of_a_still_view():
     assert frame.aov("age", "mono").min() > 1900
 
 
-def test_counts_and_ages_saturate():
-    """A count stops at 65534, for the next number says that a sample is background, and an age at 65535; neither runs into the other,
-    nor is the radiance lost."""
-    renderer = cached(level(albedos=(0.5,)), size=(4, 4), aovs=("samples", "age"))
-    list(renderer.frames(0, 8))
-    shading = renderer._graph.of()["shading"]
-    words = shading.get()
-    words[..., 3] = 65530 | 65530 << 16
-    shading.set(words)
-    *_, last = renderer.frames(8, 8 + 64)
-    after = held(renderer)
-    assert (after.count[after.occupied] == 65534).all()
-    assert (after.age[after.occupied] == 65535).all()
-    np.testing.assert_allclose(last.color["mono"], 0.5, rtol=1e-5)
-    np.testing.assert_array_equal(last.aov("samples", "mono"), 65534 * after.occupied.sum(axis=0).reshape(4, 4))
-    np.testing.assert_array_equal(last.aov("age", "mono"), 65535)
-
-
 @pytest.mark.parametrize("seed", [0, 2**32, 2**63, 2**64 - 1])
 def test_seeds(seed):
     """Ground in the light, and noise of its own for each."""
@@ -364,13 +267,3 @@ def test_seeds(seed):
     other = cached(level(), seed=(seed + 1) % 2**64)
     colors(other, 1)
     assert (held(renderer).first_hit[0, :, :2] != held(other).first_hit[0, :, :2]).mean() > 0.99
-
-
-def test_frame_numbers_at_two_to_the_31():
-    """Where the camera is follows from the frame's number, what the cache does from how many frames there were: the images are those
-    of the first frames."""
-    usual = colors(cached(level()), 4)
-    late = list(cached(level()).frames(2**31 - 2, 2**31 + 2))
-    assert [frame.number for frame in late] == [2**31 - 2, 2**31 - 1, 2**31, 2**31 + 1]
-    for a, b in zip(usual, late, strict=True):
-        np.testing.assert_array_equal(a, b.color["mono"])

@@ -1,10 +1,9 @@
-"""The path tracer against Mitsuba 3: the same scenes, exported by tools/peers/mitsuba_export.py, must give the same images.
+"""The path tracer against Mitsuba 3: the same scenes, exported by clcache/experiments/mitsuba_export.py, must give the same images.
 
 Each comparison has a twin with lights that are wrong by 5 %, which the same test must tell from the right one; and where
 there is more to a light or a surface than its strength, one in which that is wrong.
 """
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -39,8 +38,7 @@ SPP = 8  # in each rendered pixel of each batch: 1,440 samples for each pixel
 mi = pytest.importorskip("mitsuba")
 # The scalar variant needs no LLVM, and takes no time to compile.
 mi.set_variant("scalar_rgb")
-sys.path.append(str(ROOT / "tools" / "peers"))
-import mitsuba_export  # noqa: E402 (it needs a variant)
+from clcache.experiments import mitsuba_export  # noqa: E402 (it needs the package)
 
 
 def _place(mesh: int, offset, scale=1.0, turn=(0, 0, 0, 1), shear: float = 0.0) -> tuple[int, np.ndarray]:

@@ -1,28 +1,23 @@
 """Stereo blending against NumPy in double precision, and against what must come out by Eq. 3 and 8."""
 
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from blending_model import Eye
+from blending_model import blend as blend_in_numpy
+from blending_model import dodgson as dodgson_in_numpy
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from kernel_source import build
 from scipy import stats
 
-import clcache
 from clcache.frame import FrameGraph
 from clcache.passes.blend import Blend, blend_buffers, moment_buffers
 from clcache.renderer import camera_record
 from clcache.scene.model import Camera
 from clcache.scene.transform import look_at
-
-sys.path.append(str(Path(clcache.__file__).parents[1] / "tools"))
-from stereo_oracle import Eye  # noqa: E402
-from stereo_oracle import blend as blend_in_numpy  # noqa: E402
-from stereo_oracle import dodgson as dodgson_in_numpy  # noqa: E402
 
 SHARPNESSES = (0.0, 0.5, 0.8, 1.0)
 DISTANCE = 5.0  # metres from the eyes to the wall that most tests look at

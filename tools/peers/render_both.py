@@ -22,7 +22,6 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import OpenEXR
@@ -30,7 +29,6 @@ import OpenEXR
 from clcache import Error, load_scene
 from clcache.output.png import write_png
 
-LEAST_LLVM = 19
 NO_ROULETTE = 64  # the setting's largest value
 
 
@@ -80,13 +78,11 @@ def run_clcache(job: Job) -> Run:
 def run_mitsuba(job: Job) -> Run:
     """Render with Mitsuba. Raises Error if there is no LLVM that it works with."""
     import drjit as dr
-    import mitsuba as mi
 
-    dr.set_thread_count(job.threads)
-    _set_llvm_variant(mi, dr)
+    from clcache.experiments import mitsuba_export
+
+    mitsuba_export.set_llvm_variant(job.threads)
     dr.set_flag(dr.JitFlag.KernelHistory, True)
-    import mitsuba_export
-
     scene = load_scene(job.scene)
     start = time.perf_counter()
     exported = mitsuba_export.to_mitsuba(scene, job.size, job.spp, job.bounces, job.seed)
@@ -96,20 +92,6 @@ def run_mitsuba(job: Job) -> Run:
         return sum(k.get("codegen_time", 0) + k.get("backend_time", 0) for k in dr.kernel_history()) / 1000
 
     return _timed(job, prepared, lambda k: mitsuba_export.render(exported, job.spp, job.seed + k), compiled)
-
-
-def _set_llvm_variant(mi: ModuleType, dr: ModuleType) -> None:
-    try:
-        mi.set_variant("llvm_ad_rgb")
-        found = dr.detail.llvm_version()
-    except ImportError:
-        found = ()
-    if not found or found[0] < LEAST_LLVM:
-        version = ".".join(map(str, found)) or "missing or too old"
-        raise Error(
-            f"Mitsuba's LLVM variant: libLLVM is {version}; expected {LEAST_LLVM} or newer, such as by "
-            f"apt-get install libllvm{LEAST_LLVM}"
-        )
 
 
 def _timed(job: Job, prepared: float, frame: Callable[[int], np.ndarray], compiled: Callable[[], float]) -> Run:
