@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
 
 SEEDS, QUICK_SEEDS = 3, 2
-DATA = Path(__file__).parents[2] / "data"  # of a clone of the project
+HERE, OF_CLONE = Path("data"), Path(__file__).parents[2] / "data"  # where the scenes may be
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -39,7 +39,12 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         type=jobs.whole(1, 1000),
         help=f"repetitions, from which error bars are (default: {SEEDS}; with --quick {QUICK_SEEDS})",
     )
-    add("--data", metavar="DIR", type=Path, default=DATA, help="folder of the scenes (default: the project's data/)")
+    add(
+        "--data",
+        metavar="DIR",
+        type=Path,
+        help="folder of the project's scenes (default: data/ here, else of its clone)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,6 +66,7 @@ def _measure(chosen: list["Experiment"], args: argparse.Namespace) -> None:
     from ..output.files import check_target
 
     seeds = range(1, 1 + (args.seeds or (QUICK_SEEDS if args.quick else SEEDS)))
+    data = args.data or (HERE if HERE.is_dir() else OF_CLONE)
     store, machine = Store(args.folder / "results"), Machine(args.device, args.threads)
     check_target(args.folder / "results" / "any")
     with cluster(args.scheduler, args.workers) as client:
@@ -68,7 +74,7 @@ def _measure(chosen: list["Experiment"], args: argparse.Namespace) -> None:
             say(f"{args.scheduler}: has no workers; waiting for one")
         for experiment in chosen:
             start = time.perf_counter()
-            labelled = experiment.jobs(args.data, seeds, args.quick)
+            labelled = experiment.jobs(data, seeds, args.quick)
             with jobs.JobProgress(experiment.name) as progress:
                 results = run_jobs([one.job for one in labelled], store, client, machine, progress)
             about = {

@@ -94,6 +94,13 @@ def test_what_is_wrong_is_one_line(tiny, tmp_path, capsys, arguments, line):
     assert not list((tmp_path / "out").rglob("*.*"))
 
 
+def test_scenes_are_looked_for_here_first(tiny, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    assert main(["experiment", "tiny", "--quick"]) == 2
+    assert f"{tmp_path / 'data' / 'cornell' / 'scene.toml'}" in capsys.readouterr().err
+
+
 def test_an_experiment_without_one_of_its_scenes_says_so(monkeypatch, tmp_path, capsys):
     (plan,) = TINY.plans
     lost = replace(TINY, plans=(replace(plan, scenes=("lost",)),))
