@@ -70,7 +70,7 @@ def tidy(found: Sequence[tuple[Labelled, Result]]) -> pd.DataFrame:
 def numbers(values: pd.Series) -> pd.Series:
     """Those of the values that are finite numbers, as floats, and NaN for all else. Truth values are words."""
     is_number = values.map(lambda value: isinstance(value, (int, float, np.number)) and not isinstance(value, bool))
-    return values.where(is_number).astype(float).replace([math.inf, -math.inf], math.nan)
+    return values.where(is_number.astype(bool)).astype(float).replace([math.inf, -math.inf], math.nan)
 
 
 def per_job(rows: pd.DataFrame, by: Sequence[str], column: str) -> pd.Series:
@@ -80,7 +80,7 @@ def per_job(rows: pd.DataFrame, by: Sequence[str], column: str) -> pd.Series:
         return pd.Series(dtype=float, index=pd.MultiIndex.from_arrays([[]] * len(keys), names=keys))
     is_median = _starts(column, _BY_MEDIAN)
     if is_median and "counted" in rows:
-        rows = rows[rows["counted"].map(lambda value: value is not False)]
+        rows = rows[rows["counted"].map(lambda value: value is not False).astype(bool)]
     values = numbers(rows[column])
     known = rows.loc[values.notna(), keys].assign(value=values)
     return known.groupby(keys, dropna=False, sort=False)["value"].agg("median" if is_median else "mean")

@@ -105,6 +105,12 @@ def test_what_is_divided_by_an_error_that_is_lost_in_noise_has_no_verdict():
     assert (lost.verdict, lost.low, lost.n) == ("open", None, 2)
 
 
+def test_a_claim_on_a_scene_without_rows_is_not_measured():
+    rows = rows_of([1.0, 2.0], "pass.a", frame=0, counted=True)
+    (found,) = verdicts(Claim("", "pass.a", "a", high=1.0, scenes=("elsewhere",)), rows)
+    assert (found.scene, found.verdict, found.value) == ("elsewhere", "not measured", None)
+
+
 def test_a_claim_on_a_ratio_does_not_depend_on_which_is_over_which():
     rows = tidy(
         [
