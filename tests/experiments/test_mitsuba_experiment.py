@@ -86,13 +86,16 @@ def test_jobs_are_of_both_truths():
 
 @pytest.fixture(scope="module")
 def box():
-    """The Cornell box, in Mitsuba; of which both renderers understand all."""
-    pytest.importorskip("mitsuba")
-    scene = load_scene(DATA / "cornell" / "scene.toml")
+    """The Cornell box, in Mitsuba; of which both renderers understand all. Other tests have the variant that they chose."""
+    mi = pytest.importorskip("mitsuba")
+    scene, before = load_scene(DATA / "cornell" / "scene.toml"), mi.variant()
     try:
-        return Mitsuba(scene, (32, 18), 1)
+        yield Mitsuba(scene, (32, 18), 1)
     except clcache.Error as error:
         pytest.skip(str(error))
+    finally:
+        if before:
+            mi.set_variant(before)
 
 
 def test_both_renderers_show_the_same_to_each_eye(box):
