@@ -14,7 +14,7 @@ import os
 import platform
 import time
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -235,12 +235,12 @@ def _reason(error: Exception) -> str:
     return (getattr(error, "strerror", None) or str(error)).partition("\n")[0]
 
 
-def with_needs(jobs: Sequence[Job]) -> list[Job]:
-    """The jobs and all that they need, each once, what is needed first."""
+def with_needs(jobs: Sequence[Job], done: Container[Job] = ()) -> list[Job]:
+    """The jobs and all that they need, each once, what is needed first; without those that are done, and what only these need."""
     found: dict[str, Job] = {}
 
     def visit(job: Job) -> None:
-        if job.key not in found:
+        if job not in done and job.key not in found:
             for needed in job.needs.values():
                 visit(needed)
             found[job.key] = job

@@ -44,7 +44,7 @@ def run_jobs(
 
     asked = with_needs(jobs)
     by_key = {job.key: job for job in asked}
-    missing = _missing(jobs, store)
+    missing = with_needs(jobs, store)
     done = len(asked) - len(missing)
     if on_done:
         on_done(done, len(asked))
@@ -70,21 +70,6 @@ def run_jobs(
         client.cancel(list(waiting.futures))  # what no other client of the scheduler has asked for as well
         raise
     return [store.read(job) for job in jobs]
-
-
-def _missing(jobs: Sequence[Job], store: Store) -> list[Job]:
-    """What is to be done: jobs that the store has not, and of what they need that it has not; what is needed first."""
-    found: dict[str, Job] = {}
-
-    def visit(job: Job) -> None:
-        if job not in store and job.key not in found:
-            for needed in job.needs.values():
-                visit(needed)
-            found[job.key] = job
-
-    for job in jobs:
-        visit(job)
-    return list(found.values())
 
 
 def _same(result: Result) -> Result:
